@@ -1,0 +1,115 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Rigid motions of the plane, SE(2).
+
+A pose is three numbers x [m], y [m], theta [rad], counter-clockwise positive, written
+`T_target_source`: it takes points of the source frame into the target frame. All functions
+take a `Pose` or arrays whose last axis holds (x, y, theta), and broadcast over leading axes.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Pose(NamedTuple):
+    """One rigid motion; a drop-in for an array of shape (3,)."""
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> 'Pose':
+        """Make a pose of three numbers; ValueError unless they are finite."""
+        x, y, theta = (float(v) for v in values)
+        if not np.isfinite((x, y, theta)).all():
+            raise ValueError(f'pose is not finite: ({x}, {y}, {theta})')
+        return cls(x, y, float(wrap(theta)))
+
+
+def wrap(angle: ArrayLike) -> Array:
+    """Bring angles [rad] into [-pi, pi)."""
+    return (np.asarray(angle, dtype=float) + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def rotation(theta: ArrayLike) -> Array:
+    """Rotation matrices (..., 2, 2) of angles (...) [rad]."""
+    c, s = np.cos(theta), np.sin(theta)
+    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+
+
+def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> Array:
+    """T_a_c = T_a_b * T_b_c, shape (..., 3)."""
+    a, b = np.asarray(T_a_b, dtype=float), np.asarray(T_b_c, dtype=float)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack([a[..., 0] + c * b[..., 0] - s * b[..., 1],
+                     a[..., 1] + s * b[..., 0] + c * b[..., 1],
+                     wrap(a[..., 2] + b[..., 2])], -1)
+
+
+def inverse(T_a_b: ArrayLike) -> Array:
+    """T_b_a, shape (..., 3)."""
+    a = np.asarray(T_a_b, dtype=float)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack([-c * a[..., 0] - s * a[..., 1],
+                     s * a[..., 0] - c * a[..., 1],
+                     wrap(-a[..., 2])], -1)
+
+
+def between(T_w_a: ArrayLike, T_w_b: ArrayLike) -> Array:
+    """T_a_b, the pose of b seen from a, shape (..., 3)."""
+    return compose(inverse(T_w_a), T_w_b)
+
+
+def apply(T_target_source: ArrayLike, points: ArrayLike) -> Array:
+    """Take points (N, 2) [m] of the source frame into the target frame."""
+    x, y, theta = np.asarray(T_target_source, dtype=float)
+    return np.asarray(points, dtype=float) @ rotation(theta).T + (x, y)
+
+
+def compose_jacobians(T_a_b: ArrayLike, T_b_c: ArrayLike) -> tuple[Array, Array]:
+    """Jacobians (3, 3) of `compose` in its first and its second argument."""
+    a, b = np.asarray(T_a_b, dtype=float), np.asarray(T_b_c, dtype=float)
+    c, s = np.cos(a[2]), np.sin(a[2])
+    first = np.eye(3)
+    first[0, 2] = -s * b[0] - c * b[1]
+    first[1, 2] = c * b[0] - s * b[1]
+    second = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return first, second
+
+
+def between_jacobians(T_w_a: ArrayLike, T_w_b: ArrayLike) -> tuple[Array, Array]:
+    """Jacobians (3, 3) of `between` in its first and its second argument."""
+    a, b = np.asarray(T_w_a, dtype=float), np.asarray(T_w_b, dtype=float)
+    c, s = np.cos(a[2]), np.sin(a[2])
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    second = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    first = -second
+    first[0, 2] = -s * dx + c * dy
+    first[1, 2] = -c * dx - s * dy
+    return first, second
+
+
+def fit(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None) -> Pose:
+    """
+    Least-squares T_target_source of matched points (Umeyama 1991 without scale).
+
+    Parameters
+    ----------
+    source, target : (N, 2) matched points [m], N >= 2
+    weights : (N,) non-negative weights, default all one
+    """
+    p, q = np.asarray(source, dtype=float), np.asarray(target, dtype=float)
+    if p.shape != q.shape or p.ndim != 2 or p.shape[1] != 2 or len(p) < 2:
+        raise ValueError(f'two equal sets of at least two points needed, got {p.shape}, {q.shape}')
+    w = np.ones(len(p)) if weights is None else np.asarray(weights, dtype=float)
+    w = w / w.sum()
+    p_mean, q_mean = w @ p, w @ q
+    a, b = p - p_mean, q - q_mean
+    theta = np.arctan2(w @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), w @ (a * b).sum(1))
+    return Pose(*(q_mean - rotation(theta) @ p_mean), float(theta))

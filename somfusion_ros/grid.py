@@ -1,0 +1,117 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Occupancy grids as evidence.
+
+The whole core works on evidence C in [-1, 1]: negative is occupied, positive is free, 0 is
+unknown (the paper's map uncertainty, section II-B). Row 0 is the lowest y, as in
+nav_msgs/OccupancyGrid; cell (row, column) covers [column, column + 1) x [row, row + 1) times the
+resolution in the grid's own frame, which `T_frame_grid` places in the map frame.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from somfusion_ros.geometry import Array, Pose, apply, inverse
+
+UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+MAX_CELLS = 16384 * 16384
+OCCUPIED_BELOW = -0.3   # a Nav2 user calls a cell a wall at p > 0.65
+FREE_ABOVE = 0.6        # and free at p < 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """
+    A map: evidence (H, W) float32 in [-1, 1], resolution [m / cell], pose of its corner.
+
+    Raises ValueError with a one-line reason on anything that is not a usable grid.
+    """
+
+    evidence: NDArray[np.float32]
+    resolution: float
+    T_frame_grid: Pose = field(default_factory=Pose)
+
+    def __post_init__(self) -> None:
+        _check(self.evidence, self.resolution, self.T_frame_grid)
+        evidence = np.ascontiguousarray(self.evidence, dtype=np.float32)
+        if evidence.size and not (np.abs(evidence) <= 1.0).all():
+            raise ValueError('evidence leaves [-1, 1] or is NaN')
+        object.__setattr__(self, 'evidence', evidence)
+        object.__setattr__(self, 'resolution', float(self.resolution))
+        object.__setattr__(self, 'T_frame_grid', Pose.from_array(self.T_frame_grid))
+
+    @classmethod
+    def from_occupancy(cls, cells: ArrayLike, resolution: float,
+                       origin: ArrayLike = (0.0, 0.0, 0.0)) -> 'Grid':
+        """
+        Convert nav_msgs/OccupancyGrid cells.
+
+        Parameters
+        ----------
+        cells : (H, W) integers, 0..100 for the chance of a wall in percent, others unknown
+        resolution : edge of a cell [m]
+        origin : (x [m], y [m], yaw [rad]) of the corner of cell (0, 0)
+        """
+        cells = np.asarray(cells)
+        _check(cells, resolution, origin)
+        signed = cells.astype(np.int16)
+        known = (signed >= 0) & (signed <= 100)
+        evidence = np.where(known, 1.0 - signed / 50.0, 0.0).astype(np.float32)
+        return cls(evidence, resolution, Pose.from_array(origin))
+
+    def to_occupancy(self) -> NDArray[np.int8]:
+        """Cells (H, W) of nav_msgs/OccupancyGrid: -1 where the evidence is 0, else 0..100."""
+        percent = np.rint(50.0 * (1.0 - self.evidence)).astype(np.int8)
+        percent[self.evidence == 0.0] = UNKNOWN
+        return percent
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows (along y) and columns (along x)."""
+        return self.evidence.shape
+
+    @property
+    def occupied(self) -> NDArray[np.bool_]:
+        """Mask (H, W) of wall cells."""
+        return self.evidence < OCCUPIED_BELOW
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Mask (H, W) of free cells."""
+        return self.evidence > FREE_ABOVE
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Mask (H, W) of cells about which anything is known."""
+        return self.evidence != 0.0
+
+    def points(self, mask: NDArray[np.bool_]) -> Array:
+        """Centres (N, 2) [m], in the map frame, of the cells of a mask (H, W), row by row."""
+        rows, columns = np.nonzero(mask)
+        return self.cell_to_point(np.column_stack([rows, columns]))
+
+    def cell_to_point(self, cells: ArrayLike) -> Array:
+        """Centres (N, 2) [m] in the map frame of cells (N, 2) given as (row, column)."""
+        cells = np.asarray(cells, dtype=float).reshape(-1, 2)
+        return apply(self.T_frame_grid, (cells[:, ::-1] + 0.5) * self.resolution)
+
+    def point_to_cell(self, points: ArrayLike) -> NDArray[np.intp]:
+        """Cells (N, 2) as (row, column) that hold map points (N, 2) [m]; may lie outside."""
+        local = apply(inverse(self.T_frame_grid), np.asarray(points, dtype=float).reshape(-1, 2))
+        return np.floor(local / self.resolution).astype(np.intp)[:, ::-1]
+
+
+def _check(cells: ArrayLike, resolution: float, origin: ArrayLike) -> None:
+    """Raise ValueError, naming what is wrong, unless the parts make a grid."""
+    shape = np.shape(cells)
+    if len(shape) != 2 or 0 in shape:
+        raise ValueError(f'grid must have two sides of at least one cell, got {shape}')
+    if shape[0] * shape[1] > MAX_CELLS:
+        raise ValueError(f'grid of {shape[1]} x {shape[0]} cells is over {MAX_CELLS} cells')
+    if not np.isfinite(resolution) or resolution <= 0:
+        raise ValueError(f'resolution must be positive and finite, got {resolution}')
+    if np.shape(origin) != (3,) or not np.isfinite(origin).all():
+        raise ValueError(f'origin must be three finite numbers, got {tuple(np.ravel(origin))}')
