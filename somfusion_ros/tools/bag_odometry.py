@@ -1,0 +1,106 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry records out of the messages of a bag: odom topic, two wheel encoders, or /tf."""
+
+from collections.abc import Callable
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from somfusion_ros.geometry import Array, between
+from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.tools.bag_reader import BagError
+from somfusion_ros.tools.bag_topics import odometry_frames, stamp
+from somfusion_ros.tools.bag_transforms import plain, yaw
+
+if TYPE_CHECKING:
+    from somfusion_ros.tools.bags import Log
+
+Converter = Callable[[Any, float], Odometry | None]
+
+
+def converter(log: 'Log') -> Converter:
+    """Make the function (message, time of recording) -> Odometry or None for a log."""
+    if log.odometry_source == 'odom':
+        return from_odometry
+    if log.odometry_source == 'encoders':
+        return Encoders(log)
+    return Transforms()
+
+
+def from_odometry(message: Any, log_time: float) -> Odometry:
+    """Convert nav_msgs/Odometry."""
+    pose, twist = message.pose.pose, message.twist.twist
+    return Odometry(
+        stamp(message.header, log_time),
+        np.array([pose.position.x, pose.position.y, yaw(pose.orientation)]),
+        np.array([twist.linear.x, twist.linear.y, twist.angular.z]))
+
+
+class Encoders:
+    """Integrates the two wheel positions of sensor_msgs/JointState."""
+
+    def __init__(self, log: 'Log') -> None:
+        from somfusion_ros.slam.motion import WheelOdometry
+        self._wheels = WheelOdometry(log.options.wheel_radius, log.options.wheel_separation)
+        self._differences = Differences()
+        self._log = log
+
+    def __call__(self, message: Any, log_time: float) -> Odometry | None:
+        """Convert one message; None where it does not hold both wheels."""
+        names = list(message.name)
+        left, right = find_wheels(names)
+        if left is None or right is None:
+            if any('wheel' in name for name in names):
+                raise BagError(f'{self._log.path}: no left and right wheel among the joints '
+                               f'{", ".join(names)}')
+            return None
+        positions = np.asarray(message.position, dtype=float)
+        if len(positions) <= max(left, right) or not np.isfinite(positions).all():
+            return None
+        wheels = positions[[left, right]]
+        when = stamp(message.header, log_time)
+        pose = np.asarray(self._wheels.update(*wheels), dtype=float)
+        return Odometry(when, pose, self._differences(when, pose), wheels)
+
+
+def find_wheels(names: list[str]) -> tuple[int | None, int | None]:
+    """Indices of the left and the right wheel joint among joint names, or None."""
+    def find(side: str) -> int | None:
+        candidates = [i for i, name in enumerate(names) if side in name.lower()]
+        wheels = [i for i in candidates if 'wheel' in names[i].lower()]
+        return next(iter(wheels or candidates), None)
+    return find('left'), find('right')
+
+
+class Transforms:
+    """Takes the odom -> base transform out of /tf."""
+
+    def __init__(self) -> None:
+        self._frames: tuple[str, str] | None = None
+        self._differences = Differences()
+
+    def __call__(self, message: Any, log_time: float) -> Odometry | None:
+        """Convert one message; None where it holds no odometry."""
+        self._frames = self._frames or odometry_frames(message)
+        for item in message.transforms:
+            if (plain(item.header.frame_id), plain(item.child_frame_id)) == self._frames:
+                t = item.transform
+                when = stamp(item.header, log_time)
+                pose = np.array([t.translation.x, t.translation.y, yaw(t.rotation)])
+                return Odometry(when, pose, self._differences(when, pose))
+        return None
+
+
+class Differences:
+    """Twist (3,) in the base frame from successive poses."""
+
+    def __init__(self) -> None:
+        self._last: tuple[float, Array] | None = None
+
+    def __call__(self, when: float, pose: Array) -> Array:
+        """Mean twist since the last call; zero at the first."""
+        last, self._last = self._last, (when, pose)
+        if last is None or when <= last[0]:
+            return np.zeros(3)
+        return between(last[1], pose) / (when - last[0])
