@@ -1,0 +1,59 @@
+# Two commands: `make demo` shows the whole system at work, `make test` checks it. Both set up
+# what they need, once, in a virtual environment inside this folder.
+
+PYTHON ?= python3
+BAGS ?=
+OUTPUT ?= output/demo
+TESTS ?= test
+
+# A sourced ROS 2 Jazzy is used as it is; elsewhere its wheels come into the environment.
+ROS := $(shell [ "$$ROS_DISTRO" = jazzy ] && $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes)
+ifeq ($(ROS),yes)
+VENV := .venv-ros
+VENV_OPTIONS := --system-site-packages
+EXTRAS := test
+else
+VENV := .venv
+VENV_OPTIONS :=
+EXTRAS := ros,test
+endif
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
+           $(shell find somfusion_ros -name '*.py')
+
+.PHONY: demo test lint setup clean
+.DEFAULT_GOAL := demo
+
+demo: $(VENV)/.package
+	@$(BIN)/python -m somfusion_ros.tools.demo --output $(OUTPUT) $(BAGS)
+
+test: $(VENV)/.package
+	ROS_PYTHON_CHECK_FIELDS=1 $(BIN)/python -m pytest $(TESTS)
+
+lint: $(VENV)/.package
+	$(BIN)/python -m pytest test/test_style.py test/test_architecture.py
+
+setup: $(VENV)/.package
+
+clean:
+	rm -rf .venv .venv-ros build install log dist output *.egg-info .pytest_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+# The dependencies, once; the package itself, again whenever a source of it changed.
+$(VENV)/.dependencies: setup.py
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || \
+	    { echo 'Python 3.10 or newer is needed; name one with: make PYTHON=/path/to/python3'; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+	    { echo 'Python has no venv here; on Debian and Ubuntu: apt install python3-venv'; exit 1; }
+	@echo 'Setting up $(VENV) (once, a few minutes) ...'
+	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
+	@rm -rf build/lib build/bdist.* *.egg-info
+	$(PIP) install --quiet '.[$(EXTRAS)]'
+	@touch $@
+
+$(VENV)/.package: $(VENV)/.dependencies $(SOURCES)
+	@rm -rf build/lib build/bdist.* *.egg-info
+	$(PIP) install --quiet --no-deps --force-reinstall .
+	@touch $@

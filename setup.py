@@ -1,0 +1,65 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Build the package, for colcon (ament_python) and for pip."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'somfusion_ros'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Decentralised multi-robot 2-D SLAM: EKF mapping, SOM map fusion.',
+    author='The somfusion_ros authors',
+    maintainer='The somfusion_ros authors',
+    maintainer_email='somfusion@example.org',
+    license='Apache-2.0',
+    keywords=['ROS', 'SLAM', 'multi-robot', 'map merging'],
+    packages=find_packages(exclude=['test', 'benchmarks']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', sorted(glob('config/*'))),
+        (f'share/{NAME}/launch', sorted(glob('launch/*.py'))),
+    ],
+    python_requires='>=3.10',
+    install_requires=[
+        'kiss-icp',
+        'matplotlib',
+        'numpy',
+        'opencv-python-headless',
+        'pyyaml',
+        'rosbags',
+        'scipy',
+        'tqdm',
+    ],
+    extras_require={
+        'ros': [
+            'ros-jazzy-common-interfaces',
+            'ros-jazzy-rclpy',
+            'ros-jazzy-rmw-fastrtps-cpp',
+        ],
+        'test': [
+            'catkin-pkg',
+            'flake8',
+            'flake8-builtins',
+            'flake8-comprehensions',
+            'flake8-docstrings',
+            'flake8-import-order',
+            'flake8-quotes',
+            'hypothesis',
+            'pytest',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            'fusion_node = somfusion_ros.ros.fusion_node:main',
+            'player = somfusion_ros.ros.player:main',
+            'slam_node = somfusion_ros.ros.slam_node:main',
+            'somfusion = somfusion_ros.tools.cli:main',
+        ],
+    },
+    zip_safe=True,
+)
