@@ -1,0 +1,112 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The life of a node's process: start, spin, stop.
+
+Callbacks run in one spinning thread; the main thread waits for SIGINT or SIGTERM and then stops
+everything in the one order that rclpy takes without complaint: executor, thread, workers, node,
+context. Both signals end a process with status 0, also in the middle of work.
+"""
+
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+STOP_TIMEOUT = 2.0   # [s] that a callback or a worker is given to finish its piece of work
+SWITCH_INTERVAL = 0.001   # [s] a worker thread holds the interpreter while a scan waits
+
+
+class Stoppable(Protocol):
+    """What `run` needs of a node beyond rclpy's own."""
+
+    def close(self, timeout: float) -> bool:
+        """Stop the workers; tell whether all of them ended in time."""
+
+
+def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = None) -> int:
+    """
+    Make a node, spin it until a signal or until it sets the stop event, and return a status.
+
+    A ValueError or a bad parameter while the node is made is a sentence and status 1.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = make_node(stop)
+    except (ValueError, ParameterException) as error:
+        rclpy.logging.get_logger('somfusion_ros').fatal(str(error))
+        rclpy.try_shutdown()
+        return 1
+    _forward_logging(node.get_logger())
+    ended = _spin_until(node, stop)
+    node.destroy_node()
+    rclpy.try_shutdown()
+    if not ended:   # a worker is deep in numpy; nothing of it is needed any more
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
+    return 0
+
+
+def plain_args(args: list[str] | None) -> list[str]:
+    """Command line arguments without the program's name and without those of ROS."""
+    return remove_ros_args(sys.argv if args is None else ['', *args])[1:]
+
+
+def _spin_until(node: Any, stop: threading.Event) -> bool:
+    """Spin in a thread until told to stop; tell whether all threads ended in time."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    thread = threading.Thread(target=_spin, args=(executor, node, stop), daemon=True)
+    thread.start()
+    stop.wait()
+    executor.shutdown(STOP_TIMEOUT)
+    thread.join(STOP_TIMEOUT)
+    return node.close(STOP_TIMEOUT) and not thread.is_alive()
+
+
+def _spin(executor: SingleThreadedExecutor, node: Any, stop: threading.Event) -> None:
+    """Run callbacks; an exception in one is said, and the others go on."""
+    while not stop.is_set():
+        try:
+            executor.spin()
+        except Exception as error:   # one bad message must not end a robot's node
+            if not stop.is_set():
+                node.get_logger().error(f'error in a callback: {error!r}')
+
+
+class _Forward(logging.Handler):
+    """Hands what the core logs on to the node's logger."""
+
+    def __init__(self, logger: Any) -> None:
+        super().__init__(logging.INFO)
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Log one record at its own level."""
+        if record.levelno >= logging.ERROR:
+            self._logger.error(record.getMessage())
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(record.getMessage())
+        else:
+            self._logger.info(record.getMessage())
+
+
+def _forward_logging(logger: Any) -> None:
+    """Connect the package's logging to ROS."""
+    package = logging.getLogger('somfusion_ros')
+    package.setLevel(logging.INFO)
+    package.addHandler(_Forward(logger))
