@@ -10,9 +10,8 @@ from xml.etree import ElementTree
 
 from helpers import ROOT
 import pytest
-import yaml
-
 from somfusion_ros import config
+import yaml
 
 # Each node reads its own parameters and those of the core that it drives.
 NODES = {'slam.yaml': ('SlamConfig', 'SlamNodeConfig'),
