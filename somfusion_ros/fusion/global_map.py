@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from somfusion_ros.geometry import Array, Pose, apply, compose
-from somfusion_ros.grid import MAX_CELLS, OCCUPIED_BELOW, Grid
+from somfusion_ros.geometry import apply, Array, compose, Pose
+from somfusion_ros.grid import Grid, MAX_CELLS, OCCUPIED_BELOW
 
 MAX_SIDE = 32766     # OpenCV holds image coordinates in 16 bits
 ALIGNED = 1e-6       # cells; corners nearer than this to a cell line lie on it

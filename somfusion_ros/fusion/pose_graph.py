@@ -95,7 +95,7 @@ def _linearise(graph: Graph, poses: Array) -> tuple[Array, Array, Array]:
 
 
 def _along_tree(graph: Graph) -> Array:
-    """First poses: compose the measurements outward from node 0, best-known edges first."""
+    """Compose the measurements outward from node 0, best-known edges first."""
     poses, placed = np.zeros((graph.nodes, 3)), {0}
     order = np.argsort(-np.linalg.det(graph.information), kind='stable')
     while len(placed) < graph.nodes:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from somfusion_ros.fusion.pose_graph import Estimate, Graph, component, optimise
+from somfusion_ros.fusion.pose_graph import component, Estimate, Graph, optimise
 from somfusion_ros.geometry import Array, Pose
 
 # Two maps of one place bend differently, so an edge is never better known than this.

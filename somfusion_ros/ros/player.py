@@ -8,18 +8,18 @@ Topics are relative, so that a namespace makes the log one robot of several.
 """
 
 import argparse
-import threading
-import time
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
+import threading
+import time
 from typing import Any, NamedTuple
 
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState, LaserScan
 
 from somfusion_ros.ros import qos

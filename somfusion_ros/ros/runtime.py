@@ -8,12 +8,12 @@ everything in the one order that rclpy takes without complaint: executor, thread
 context. Both signals end a process with status 0, also in the middle of work.
 """
 
+from collections.abc import Callable
 import logging
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
 from typing import Any, Protocol
 
 import rclpy

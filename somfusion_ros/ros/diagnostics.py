@@ -1,0 +1,57 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a node tells /diagnostics: counts by name, and which of them are faults."""
+
+from collections import Counter
+from collections.abc import Mapping
+import math
+import threading
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
+
+
+class Faults:
+    """Counts what was wrong with incoming data, per kind; says each kind once."""
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._counts: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    def __call__(self, kind: str, reason: str = '') -> None:
+        """Count one fault; the first of its kind is logged with its reason."""
+        with self._lock:
+            self._counts[kind] += 1
+            first = self._counts[kind] == 1
+        if first:
+            self._logger.warning(f'{kind}: {reason} (further ones are counted in /diagnostics)')
+
+    def counts(self) -> dict[str, int]:
+        """Counts so far."""
+        with self._lock:
+            return dict(self._counts)
+
+
+def status(name: str, hardware_id: str, values: Mapping[str, Any], warning: str = '',
+           error: str = '') -> DiagnosticStatus:
+    """Make one status; a warning or an error sets its level and its message."""
+    level = (DiagnosticStatus.ERROR if error else
+             DiagnosticStatus.WARN if warning else DiagnosticStatus.OK)
+    return DiagnosticStatus(
+        level=level, name=name, hardware_id=hardware_id, message=error or warning or 'ok',
+        values=[KeyValue(key=key, value=text(value)) for key, value in values.items()])
+
+
+def diagnostic_array(stamp: Time, statuses: list[DiagnosticStatus]) -> DiagnosticArray:
+    """Bundle statuses into the message of /diagnostics."""
+    return DiagnosticArray(header=Header(stamp=stamp), status=statuses)
+
+
+def text(value: Any) -> str:
+    """Write a value with as many digits as a reader can use."""
+    if isinstance(value, float):
+        return f'{value:.4g}' if math.isfinite(value) else str(value)
+    return str(value)

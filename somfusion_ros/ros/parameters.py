@@ -1,0 +1,75 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters declared from the config dataclasses: defaults and descriptions live there."""
+
+from dataclasses import asdict, Field, fields, replace
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
+                                SetParametersResult)
+
+Config = TypeVar('Config')
+UNBOUNDED = {float: 1e308, int: 2 ** 62}   # rcl ranges have two ends
+
+
+def declare(node: Any, config_class: type[Config], changeable: bool = False) -> Config:
+    """
+    Declare every field of a config dataclass as a parameter and read the values that came in.
+
+    Raises ValueError or rclpy's ParameterException, each with a sentence, on a bad value.
+    """
+    values = {}
+    for item in fields(config_class):
+        default = _to_ros(item.default)
+        value = node.declare_parameter(item.name, default, descriptor(item, changeable)).value
+        values[item.name] = _from_ros(item, value)
+    return config_class(**values)
+
+
+def descriptor(item: Field, changeable: bool) -> ParameterDescriptor:
+    """Describe a config field: sentence, unit, range; read-only unless it may change live."""
+    meta = item.metadata
+    unit = f' [{meta["unit"]}]' if meta['unit'] else ''
+    result = ParameterDescriptor(name=item.name, description=meta['description'] + unit,
+                                 read_only=not changeable)
+    kind = type(item.default)
+    bounded = meta['low'] is not None or meta['high'] is not None
+    if bounded and kind in UNBOUNDED:
+        low = meta['low'] if meta['low'] is not None else -UNBOUNDED[kind]
+        high = meta['high'] if meta['high'] is not None else UNBOUNDED[kind]
+        if kind is float:
+            result.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high))]
+        else:
+            result.integer_range = [
+                IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    return result
+
+
+def change(config: Config, parameters: list[Any]) -> tuple[Config, SetParametersResult]:
+    """
+    Take live changes into a config, all or none.
+
+    Parameters that the config does not have are left to others; a refusal says why.
+    """
+    known = {item.name: item for item in fields(config)}
+    changed = {p.name: _from_ros(known[p.name], p.value) for p in parameters if p.name in known}
+    try:
+        return replace(config, **changed), SetParametersResult(successful=True)
+    except (TypeError, ValueError) as error:
+        return config, SetParametersResult(successful=False, reason=str(error))
+
+
+def as_yaml(config: Any) -> dict[str, Any]:
+    """Values of a config as a YAML file holds them."""
+    return {name: _to_ros(value) for name, value in asdict(config).items()}
+
+
+def _to_ros(value: Any) -> Any:
+    """Give tuples as the lists that ROS knows."""
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _from_ros(item: Field, value: Any) -> Any:
+    """Give lists as the tuples that a frozen config holds."""
+    return tuple(value) if isinstance(item.default, tuple) else value
