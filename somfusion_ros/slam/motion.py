@@ -2,9 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry: interpolation by stamp, two wheel encoders, and the noise of an increment."""
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from somfusion_ros.geometry import Array
+import numpy as np
+from numpy.typing import ArrayLike
+
+from somfusion_ros.geometry import Array, between, compose, wrap
+
+HISTORY = 20000  # odometry samples kept for scans that come late
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,3 +27,125 @@ class Odometry:
     pose: Array
     twist: Array
     wheels: Array | None = None
+
+
+@dataclass(frozen=True)
+class MotionNoise:
+    """
+    Standard deviations of an odometry increment.
+
+    along and across the travel [m / m], heading per travel [rad / m], heading per turn
+    [rad / rad], and a floor for every increment [m], [rad]. For encoders, each wheel's own travel
+    has the standard deviation wheel * sqrt(travel) [m / sqrt(m)].
+    """
+
+    along: float = 0.10
+    across: float = 0.05
+    heading: float = 0.05
+    turn: float = 0.15
+    floor: float = 0.005
+    floor_heading: float = 0.003
+
+
+class OdometryBuffer:
+    """Odometry samples by stamp; repeated, backward and not finite ones are counted, not kept."""
+
+    def __init__(self, count: Callable[[str], None] = lambda name: None) -> None:
+        self._samples: deque[tuple[float, Array, Array | None]] = deque(maxlen=HISTORY)
+        self._stamps: deque[float] = deque(maxlen=HISTORY)
+        self._count = count
+
+    @property
+    def latest(self) -> float | None:
+        """Stamp [s] of the newest sample."""
+        return self._stamps[-1] if self._stamps else None
+
+    def clear(self) -> None:
+        """Forget everything, after a jump in time."""
+        self._samples.clear()
+        self._stamps.clear()
+
+    def add(self, stamp: float, pose: ArrayLike, wheels: ArrayLike | None = None) -> bool:
+        """Keep T_odom_base (3,) at a stamp [s]; return whether it could be used."""
+        pose = np.asarray(pose, dtype=float)
+        if pose.shape != (3,) or not np.isfinite(pose).all() or not np.isfinite(stamp):
+            self._count('odometry_not_finite')
+            return False
+        if self._stamps and stamp <= self._stamps[-1]:
+            self._count('odometry_stamps_repeated' if stamp == self._stamps[-1]
+                        else 'odometry_stamps_backward')
+            return False
+        self._samples.append((stamp, pose, None if wheels is None else np.array(wheels, float)))
+        self._stamps.append(stamp)
+        return True
+
+    def at(self, stamp: float) -> Odometry | None:
+        """Odometry interpolated at a stamp [s]; None outside the samples."""
+        if len(self._stamps) < 2 or not self._stamps[0] <= stamp <= self._stamps[-1]:
+            return None
+        after = _bisect_from_the_end(self._stamps, stamp)
+        (t0, pose0, wheels0), (t1, pose1, wheels1) = self._samples[after - 1], self._samples[after]
+        share = (stamp - t0) / (t1 - t0)
+        step = between(pose0, pose1)
+        pose = compose(pose0, step * share)
+        wheels = (None if wheels0 is None or wheels1 is None
+                  else wheels0 + share * (wheels1 - wheels0))
+        return Odometry(stamp, pose, step / (t1 - t0), wheels)
+
+
+def _bisect_from_the_end(stamps: deque[float], stamp: float) -> int:
+    """Index >= 1 of the first sample not before the stamp; fast for recent stamps."""
+    index = len(stamps) - 1
+    while index > 1 and stamps[index - 1] >= stamp:
+        index -= 1
+    return index
+
+
+class WheelOdometry:
+    """Dead reckoning of a differential drive from two wheel encoders (section II-A)."""
+
+    def __init__(self, wheel_radius: float, wheel_separation: float) -> None:
+        if not (wheel_radius > 0 and wheel_separation > 0):
+            raise ValueError('wheel radius and separation must be positive, got '
+                             f'{wheel_radius}, {wheel_separation}')
+        self._radius, self._separation = wheel_radius, wheel_separation
+        self._last: Array | None = None
+        self._pose = np.zeros(3)
+
+    def update(self, left: float, right: float) -> Array:
+        """Integrate wheel positions [rad]; return T_odom_base (3,). NaN is passed on."""
+        wheels = np.array([left, right], dtype=float)
+        if self._last is not None and np.isfinite(wheels).all():
+            dl, dr = self._radius * (wheels - self._last)
+            self._pose = compose(self._pose, arc(0.5 * (dl + dr), (dr - dl) / self._separation))
+        if not np.isfinite(wheels).all():
+            return np.full(3, np.nan)
+        self._last = wheels
+        return self._pose.copy()
+
+
+def arc(travel: float, turn: float) -> Array:
+    """Pose (3,) after driving `travel` [m] on a circle while turning by `turn` [rad]."""
+    half = 0.5 * turn
+    chord = travel * np.sinc(half / np.pi)
+    return np.array([chord * np.cos(half), chord * np.sin(half), turn])
+
+
+def increment(previous: Odometry, current: Odometry, noise: MotionNoise) -> tuple[Array, Array]:
+    """Motion (3,) between two odometry records and its covariance (3, 3), in the first base."""
+    step = between(previous.pose, current.pose)
+    return step, increment_covariance(step, noise)
+
+
+def increment_covariance(step: Array, noise: MotionNoise) -> Array:
+    """Covariance (3, 3) of an odometry increment, growing with travel and turn."""
+    travel, turn = float(np.hypot(step[0], step[1])), abs(float(wrap(step[2])))
+    along = noise.along * travel + noise.floor
+    across = noise.across * travel + noise.floor
+    heading = noise.heading * travel + noise.turn * turn + noise.floor_heading
+    c, s = (step[0] / travel, step[1] / travel) if travel > 1e-9 else (1.0, 0.0)
+    R = np.array([[c, -s], [s, c]])
+    Q = np.zeros((3, 3))
+    Q[:2, :2] = R @ np.diag([along ** 2, across ** 2]) @ R.T
+    Q[2, 2] = heading ** 2
+    return Q

@@ -1,13 +1,15 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One laser scan, and the points that it saw."""
+"""One laser scan, and the points and surface normals that it saw."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from somfusion_ros.geometry import Pose
+from somfusion_ros.geometry import Array, Pose, apply
+
+SURFACE_GAP = 0.15  # [m] neighbouring returns farther apart than this, at 1 m, are two surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +22,131 @@ class Scan:
     """
 
     stamp: float
-    ranges: NDArray[np.float64]
+    ranges: NDArray[np.floating]
     angle_min: float
     angle_increment: float
     range_min: float
     range_max: float
     time_increment: float = 0.0
     T_base_laser: Pose = field(default_factory=Pose)
+
+    def fault(self) -> str:
+        """Name what makes the scan unusable, '' if nothing does."""
+        numbers = (self.stamp, self.angle_min, self.angle_increment, self.range_min,
+                   self.time_increment, *self.T_base_laser)
+        if not np.isfinite(numbers).all() or np.isnan(self.range_max):
+            return 'scan_not_finite'
+        if np.ndim(self.ranges) != 1 or len(self.ranges) < 2:
+            return 'scan_empty'
+        if self.angle_increment == 0.0 or self.range_max <= self.range_min:
+            return 'scan_geometry_invalid'
+        return ''
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """
+    What a scan saw, in the robot's base frame at the scan's stamp.
+
+    points (N, 2) [m] in beam order, normals (N, 2) of the surface facing the laser (zero where
+    there is too little surface), beams (N,) their index in the scan, origin (2,) of the laser,
+    rim (M, 2): the polygon of the space that the beams passed, closed through the origin.
+    """
+
+    points: Array
+    normals: Array
+    origin: Array
+    rim: Array
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
+    """
+    Convert a scan: drop what is no return, deskew, estimate normals, outline the free space.
+
+    Parameters
+    ----------
+    scan : the scan, without a fault
+    max_range : returns beyond it [m] are not used
+    twist : (3,) speed of the base [m/s, m/s, rad/s], used where time_increment is set
+    """
+    ranges = np.asarray(scan.ranges, dtype=float)
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
+    limit = min(max_range, scan.range_max)
+    with np.errstate(invalid='ignore'):
+        hit = (ranges >= max(scan.range_min, 1e-3)) & (ranges < limit)
+        beyond = (ranges >= limit) & (scan.range_max <= limit) & np.isposinf(ranges)
+        beyond |= (ranges >= limit) & (ranges < scan.range_max)
+    reach = np.where(hit, ranges, np.where(beyond, limit, 0.0))
+    beams = reach[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    placed = _deskew(apply(scan.T_base_laser, beams), scan.time_increment, twist)
+    origin = np.array(scan.T_base_laser[:2])
+    points = placed[hit]
+    return Cloud(points, _normals(points, np.flatnonzero(hit), ranges[hit],
+                                  abs(scan.angle_increment), origin),
+                 origin, _rim(placed, reach, origin))
+
+
+def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
+    """Move each beam's point (B, 2) from the base where it was taken to the base at beam 0."""
+    if time_increment == 0.0 or twist is None:
+        return points
+    t = time_increment * np.arange(len(points))
+    c, s = np.cos(twist[2] * t), np.sin(twist[2] * t)
+    return np.column_stack([c * points[:, 0] - s * points[:, 1] + twist[0] * t,
+                            s * points[:, 0] + c * points[:, 1] + twist[1] * t])
+
+
+def _normals(points: Array, beams: NDArray[np.intp], ranges: Array, increment: float,
+             origin: Array, reach: int = 4) -> Array:
+    """
+    Unit normals (N, 2) by a line fit to up to `reach` neighbours on each side.
+
+    Neighbours count while they continue the surface: no missing beam, and no gap wider than a
+    surface seen at 80 degrees would leave between two beams.
+    """
+    n = len(points)
+    if n < 3:
+        return np.zeros((n, 2))
+    step = np.diff(points, axis=0)
+    gap = SURFACE_GAP * np.maximum(1.0, np.minimum(ranges[1:], ranges[:-1]) * increment * 40.0)
+    joined = (np.diff(beams) <= 2) & ((step ** 2).sum(1) < gap ** 2)
+    count, first = np.ones(n), np.zeros((n, 2))
+    second = np.zeros((n, 3))
+    for direction in (1, -1):
+        alive = np.ones(n, dtype=bool)
+        for k in range(1, reach + 1):
+            index = np.arange(n) + direction * k
+            link = np.clip(index - (direction > 0), 0, n - 2)
+            alive &= (index >= 0) & (index < n) & joined[link]
+            d = np.where(alive[:, None], points[np.clip(index, 0, n - 1)] - points, 0.0)
+            count += alive
+            first += d
+            second += np.column_stack([d[:, 0] ** 2, d[:, 0] * d[:, 1], d[:, 1] ** 2])
+    mean = first / count[:, None]
+    xx, xy, yy = (second / count[:, None]).T - np.array(
+        [mean[:, 0] ** 2, mean[:, 0] * mean[:, 1], mean[:, 1] ** 2])
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    spread = np.sqrt((xx - yy) ** 2 + 4 * xy ** 2)
+    flat = (count >= 4) & (spread > 0.8 * (xx + yy))
+    normals = np.column_stack([-np.sin(angle), np.cos(angle)])
+    normals[((origin - points) * normals).sum(1) < 0] *= -1
+    return np.where(flat[:, None], normals, 0.0)
+
+
+def _rim(placed: Array, reach: Array, origin: Array) -> Array:
+    """
+    Outline (M, 2) of the space the beams passed.
+
+    Between two beams on one surface the outline is the surface; where the range jumps, the
+    nearer range holds up to the middle, so that no beam frees what it did not pass.
+    """
+    near, far = np.minimum(reach[:-1], reach[1:]), np.maximum(reach[:-1], reach[1:])
+    jump = far > 1.2 * near + 0.1
+    half = 0.5 * (placed[:-1] + placed[1:]) - origin
+    length = np.maximum(np.hypot(half[:, 0], half[:, 1]), 1e-9)
+    corner = origin + half * (near / length)[:, None]
+    order = np.concatenate([np.arange(len(placed), dtype=float), np.flatnonzero(jump) + 0.5])
+    return np.concatenate([[origin], np.concatenate([placed, corner[jump]])[np.argsort(order)]])

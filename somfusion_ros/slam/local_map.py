@@ -1,0 +1,73 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The surface that a few neighbouring views saw together: what a scan is matched against."""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import cv2
+import numpy as np
+from kiss_icp.pybind import kiss_icp_pybind
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from somfusion_ros.geometry import Array, rotation
+from somfusion_ros.slam.scan import Cloud
+
+VOXEL, POINTS_PER_VOXEL = 0.25, 40  # kiss-icp then keeps points 0.04 m apart
+FIELD_STEP = 0.05   # [m] cell of the likelihood field
+FIELD_SIGMA = 0.08  # [m] spread of the likelihood around a surface point
+FIELD_MARGIN = 0.5  # [m] of empty field around the points
+
+
+class LocalMap:
+    """
+    Points (N, 2) [m] with normals (N, 2) in one frame, with a tree and a likelihood field.
+
+    Tree and field are built on first use; the map is never changed after.
+    """
+
+    def __init__(self, points: Array, normals: Array) -> None:
+        self.points, self.normals = points, normals
+
+    @classmethod
+    def of_views(cls, clouds: Sequence[Cloud], poses: Sequence[Array]) -> 'LocalMap':
+        """Put clouds together, each at its pose (3,) in the local map's frame."""
+        points, normals = [np.empty((0, 2))], [np.empty((0, 2))]
+        for view, pose in zip(clouds, poses, strict=True):
+            R = rotation(pose[2])
+            points.append(view.points @ R.T + pose[:2])
+            normals.append(view.normals @ R.T)
+        return cls(np.concatenate(points), np.concatenate(normals))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Search tree over the points."""
+        return cKDTree(self.points, balanced_tree=False, compact_nodes=False)
+
+    @cached_property
+    def voxels(self) -> object:
+        """The points as kiss-icp's voxel map, fine enough for walls."""
+        voxels = kiss_icp_pybind._VoxelHashMap(
+            voxel_size=VOXEL, max_distance=1e3, max_points_per_voxel=POINTS_PER_VOXEL)
+        voxels._add_points(lift(self.points))
+        return voxels
+
+    @cached_property
+    def field(self) -> tuple[NDArray[np.float32], Array]:
+        """Likelihood (H, W) in [0, 1] by distance to the nearest point, and its corner [m]."""
+        corner = self.points.min(0) - FIELD_MARGIN
+        size = np.ceil((self.points.max(0) + FIELD_MARGIN - corner) / FIELD_STEP).astype(int) + 1
+        empty = np.ones(size[::-1], np.uint8)
+        cells = ((self.points - corner) / FIELD_STEP).astype(np.intp)
+        empty[cells[:, 1], cells[:, 0]] = 0
+        distance = cv2.distanceTransform(empty, cv2.DIST_L2, 3) * FIELD_STEP
+        return np.exp(-0.5 * (distance / FIELD_SIGMA) ** 2), corner
+
+
+def lift(points: Array) -> object:
+    """Planar points (N, 2) as kiss-icp's vector of 3-D points with z = 0."""
+    return kiss_icp_pybind._Vector3dVector(np.column_stack([points, np.zeros(len(points))]))

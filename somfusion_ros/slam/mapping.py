@@ -1,0 +1,128 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Mapping: evidence per cell from the scans, at the poses that the filter holds now.
+
+A cell goes down by a step when a beam ends in it and up by a step when a beam passes, clipped
+to [-1, 1] (section II-B).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from somfusion_ros.geometry import Array, Pose, apply, compose, wrap
+from somfusion_ros.grid import MAX_CELLS, Grid
+from somfusion_ros.slam.scan import Cloud
+
+HIT, PASSED = 0.4, 0.2   # steps of evidence
+SUB = 4                  # binary digits of a cell in the polygon fill
+MARGIN = 64              # cells added when the map grows
+
+
+@dataclass(frozen=True, eq=False)
+class MapScan:
+    """A scan kept for the map: the view it hangs on, T_view_base (3,), and what it saw."""
+
+    view: int
+    T_view_base: Array
+    cloud: Cloud
+
+
+class Mapper:
+    """Renders scans; only new ones while old poses stand still, all anew once they moved."""
+
+    def __init__(self, resolution: float) -> None:
+        self.resolution = resolution
+        self._clear()
+
+    def _clear(self) -> None:
+        self._cells = np.zeros((0, 0), np.float32)
+        self._corner = np.zeros(2, np.intp)      # column, row of cell (0, 0) on the map's lattice
+        self._rendered = np.zeros((0, 3))
+
+    def render(self, scans: list[MapScan], views: Array) -> Grid:
+        """Draw scans at their views' poses (n, 3); return the map in the map frame."""
+        poses = place(scans, views)
+        done = len(self._rendered)
+        if done > len(poses) or self._moved(poses[:done]):
+            self._clear()
+            done = 0
+        if len(poses) > done:
+            self._grow(np.array([_bounds(apply(p, s.cloud.rim))
+                                 for s, p in zip(scans[done:], poses[done:], strict=True)]))
+            for scan, pose in zip(scans[done:], poses[done:], strict=True):
+                self._draw(apply(pose, scan.cloud.rim), apply(pose, scan.cloud.points),
+                           apply(pose, scan.cloud.origin[None])[0])
+            self._rendered = poses
+        return self.grid()
+
+    def grid(self) -> Grid:
+        """Map as last rendered; one unknown cell before anything was."""
+        if not self._cells.size:
+            return Grid(np.zeros((1, 1), np.float32), self.resolution)
+        x, y = self._corner * self.resolution
+        return Grid(self._cells.copy(), self.resolution, Pose(x, y, 0.0))
+
+    def _moved(self, poses: Array) -> bool:
+        """Tell whether any drawn scan now lies half a cell or a degree from where it was drawn."""
+        d = poses - self._rendered
+        return bool((np.abs(d[:, :2]) > 0.5 * self.resolution).any()
+                    or (np.abs(wrap(d[:, 2])) > 0.01).any())
+
+    def _grow(self, bounds: Array) -> None:
+        """Make room for rectangles (n, 4) x0, y0, x1, y1 [m]; the lattice stays where it is."""
+        low = np.floor(bounds[:, :2].min(0) / self.resolution).astype(np.intp) - 2
+        high = np.ceil(bounds[:, 2:].max(0) / self.resolution).astype(np.intp) + 3
+        if self._cells.size:
+            old_high = self._corner + self._cells.shape[::-1]
+            if (low >= self._corner).all() and (high <= old_high).all():
+                return
+            low = np.where(low < self._corner, low - MARGIN, self._corner)
+            high = np.where(high > old_high, high + MARGIN, old_high)
+        width, height = high - low
+        if width * height > MAX_CELLS:
+            raise ValueError(f'map would grow to {width} x {height} cells')
+        cells = np.zeros((height, width), np.float32)
+        if self._cells.size:
+            (column, row), (h, w) = self._corner - low, self._cells.shape
+            cells[row:row + h, column:column + w] = self._cells
+        self._cells, self._corner = cells, low
+
+    def _draw(self, rim: Array, points: Array, origin: Array) -> None:
+        """Add one scan's evidence; rim (M, 2), points (N, 2) and origin (2,) in the map [m]."""
+        corner = self._corner * self.resolution
+        arm = rim - origin
+        length = np.maximum(np.hypot(arm[:, 0], arm[:, 1]), 1e-9)
+        short = origin + arm * np.maximum(1.0 - self.resolution / length, 0.0)[:, None]
+        x0, y0 = np.floor((rim.min(0) - corner) / self.resolution).astype(int)
+        x1, y1 = np.ceil((rim.max(0) - corner) / self.resolution).astype(int) + 1
+        window = self._cells[y0:y1, x0:x1]
+        passed = np.zeros(window.shape, np.uint8)
+        vertices = ((short - corner) / self.resolution - 0.5 - (x0, y0)) * (1 << SUB)
+        cv2.fillPoly(passed, [np.rint(vertices).astype(np.int32)], 1, shift=SUB)
+        hits = _cells_of(points, corner, self.resolution) - (y0, x0)
+        passed[hits[:, 0], hits[:, 1]] = 0
+        window += PASSED * passed
+        np.minimum(window, 1.0, out=window)
+        flat = np.unique(hits[:, 0] * window.shape[1] + hits[:, 1])
+        rows, columns = np.divmod(flat, window.shape[1])
+        window[rows, columns] = np.maximum(window[rows, columns] - HIT, -1.0)
+
+
+def place(scans: list[MapScan], views: Array) -> Array:
+    """Poses T_map_base (n, 3) of scans that hang on views (m, 3)."""
+    if not scans:
+        return np.zeros((0, 3))
+    return compose(views[[s.view for s in scans]], np.array([s.T_view_base for s in scans]))
+
+
+def _bounds(points: Array) -> Array:
+    return np.concatenate([points.min(0), points.max(0)])
+
+
+def _cells_of(points: Array, corner: Array, resolution: float) -> NDArray[np.intp]:
+    """Cells (N, 2) as row, column that hold points (N, 2)."""
+    return np.floor((points - corner) / resolution).astype(np.intp)[:, ::-1]

@@ -1,0 +1,106 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Scan to local map: kiss-icp's registration, then point to line with an honest covariance.
+
+kiss-icp (Vizzo et al. 2023) brings the scan near; it is built for 3-D and gives neither a
+covariance nor a measure of success. The point-to-line refinement after it (Censi 2008) gives
+both: the information matrix comes from the matched surface normals, so that a corridor, whose
+normals all point one way, says nothing along itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from kiss_icp.pybind import kiss_icp_pybind
+
+from somfusion_ros.geometry import Array, rotation, wrap
+from somfusion_ros.slam.local_map import LocalMap, lift
+from somfusion_ros.slam.scan import Cloud
+
+COARSE_GATE, COARSE_KERNEL = 0.5, 0.15  # [m] of kiss-icp's correspondences
+GATES = (0.30, 0.20, 0.15, 0.10, 0.10)  # [m] of the refinement's correspondences, narrowing
+SAME_SIDE = 0.5                         # cosine: normals that differ more are another surface
+RANGE_SIGMA = 0.02                      # [m] of one matched point
+OVERSAMPLING = 5.0                      # neighbouring points share their error
+FLOOR = np.diag([0.004, 0.004, 0.002]) ** 2  # of any match: map error, motion during the scan
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """
+    Where a scan lies in a local map.
+
+    T_map_scan (3,), information (3, 3) of it (singular where the surface fixes nothing), the
+    share of the scan's points that lie on the map's surface, and their mean distance [m].
+    """
+
+    T_map_scan: Array
+    information: Array
+    inlier_ratio: float
+    residual: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (3, 3); very large along what the match does not fix."""
+        return np.linalg.inv(self.information + 1e-6 * np.eye(3))
+
+
+def coarse(scan: Cloud, target: LocalMap, seed: Array) -> Array:
+    """Register with kiss-icp from a seed (3,); planar points keep z, roll and pitch at 0."""
+    guess = np.eye(4)
+    guess[:2, :2], guess[:2, 3] = rotation(seed[2]), seed[:2]
+    registration = kiss_icp_pybind._Registration(
+        max_num_iterations=20, convergence_criterion=1e-3, max_num_threads=1)
+    T = registration._align_points_to_map(
+        points=lift(scan.points), voxel_map=target.voxels, initial_guess=guess,
+        max_correspondance_distance=COARSE_GATE, kernel=COARSE_KERNEL)
+    return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
+
+
+def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = None) -> Match:
+    """
+    Point-to-line Gauss-Newton from a seed (3,).
+
+    prior is the information (3, 3) that holds the seed where the surface fixes nothing; it is
+    not part of the information returned.
+    """
+    x = np.array(seed, dtype=float)
+    hold = np.zeros((3, 3)) if prior is None else prior
+    H, inliers, residual = np.zeros((3, 3)), np.zeros(0), np.inf
+    for gate in GATES:
+        R = rotation(x[2])
+        arm = scan.points @ R.T
+        p = arm + x[:2]
+        distance, nearest = target.tree.query(p, distance_upper_bound=gate)
+        found = np.isfinite(distance)
+        index = np.where(found, nearest, 0)
+        n, q = target.normals[index], target.points[index]
+        own = scan.normals @ R.T
+        n = np.where((n == 0.0).all(1)[:, None], own, n)
+        found &= ((n * own).sum(1) > SAME_SIDE) | (own == 0.0).all(1)
+        if found.sum() < 8:
+            return Match(x, np.zeros((3, 3)), 0.0, np.inf)
+        e = (n * (p - q)).sum(1)
+        w = found / (1.0 + (e / (0.3 * gate)) ** 2) ** 2
+        J = np.column_stack([n, n[:, 1] * arm[:, 0] - n[:, 0] * arm[:, 1]])
+        H = (J * w[:, None]).T @ J
+        d = x - seed
+        d[2] = wrap(d[2])
+        scale = OVERSAMPLING * RANGE_SIGMA ** 2
+        step = np.linalg.solve(H / scale + hold + 1e-6 * np.eye(3),
+                               (J * w[:, None]).T @ e / scale + hold @ d)
+        x = x - step
+        inliers, residual = found, float(np.sqrt((w * e * e).sum() / max(w.sum(), 1e-9)))
+    x[2] = wrap(x[2])
+    sigma2 = OVERSAMPLING * max(RANGE_SIGMA, residual) ** 2
+    information = H / sigma2
+    information = information @ np.linalg.inv(np.eye(3) + FLOOR @ information)
+    return Match(x, 0.5 * (information + information.T), float(inliers.mean()), residual)
+
+
+def register(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = None) -> Match:
+    """kiss-icp from the seed (3,), then the refinement."""
+    if len(scan) < 8 or len(target) < 8:
+        return Match(np.array(seed, dtype=float), np.zeros((3, 3)), 0.0, np.inf)
+    return refine(scan, target, coarse(scan, target, seed), prior)

@@ -1,0 +1,224 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""View-based SLAM of one robot: motion, matching, EKF, loop closure, mapping, in that order."""
+
+from collections import Counter, deque
+from dataclasses import dataclass
+from threading import Lock
+
+import numpy as np
+
+from somfusion_ros.config import SlamConfig
+from somfusion_ros.geometry import Array, Pose, between, compose, inverse
+from somfusion_ros.grid import Grid
+from somfusion_ros.slam import loops, smoothing
+from somfusion_ros.slam.ekf import DelayedStateEkf, Relation
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.mapping import Mapper, MapScan
+from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.slam.scan import Cloud, Scan, cloud
+from somfusion_ros.slam.tracking import Track, Tracker
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """
+    What one scan did.
+
+    stamp [s], pose T_map_base and its covariance (3, 3), T_map_odom, whether the scan could be
+    used, whether it was matched and how much of it, whether it became a view, and what was
+    wrong with it ('' if nothing).
+    """
+
+    stamp: float
+    pose: Pose
+    covariance: Array
+    T_map_odom: Pose
+    accepted: bool
+    matched: bool
+    inlier_ratio: float
+    is_view: bool
+    reason: str
+
+
+class Slam:
+    """
+    EKF SLAM over past view poses.
+
+    `process` is the scan path: its time does not depend on how many views there are. With
+    `background` set, loops are closed by whoever calls `work`, from another thread; without,
+    `process` does it, and the same input gives the same result.
+    """
+
+    def __init__(self, config: SlamConfig | None = None, background: bool = False) -> None:
+        self.config = config or SlamConfig()
+        self.counters: Counter[str] = Counter()
+        self._background = background
+        self._lock = Lock()            # guards ekf, clouds, relations, scans
+        self._map_lock = Lock()        # guards the mapper
+        self._ekf = DelayedStateEkf()
+        self._tracker = Tracker(self.config)
+        self._loops = loops.LoopClosure(self.config)
+        self._mapper = Mapper(self.config.resolution)
+        self._relations: list[Relation] = []
+        self._clouds: list[Cloud] = []
+        self._centres: list[Array] = []
+        self._stamps: list[float] = []
+        self._scans: list[MapScan] = []
+        self._track: list[tuple[float, int, Array]] = []
+        self._to_close: deque[int] = deque()
+        self._moved = 0.0              # [m] that loops moved the poses since the last re-solving
+        self._last: Step | None = None
+
+    def process(self, scan: Scan, odometry: Odometry) -> Step:
+        """Follow the robot through one scan; bad scans are counted and change nothing."""
+        self.counters['scans'] += 1
+        fault = scan.fault() or self._stamp_fault(scan.stamp)
+        if fault:
+            return self._refuse(scan, fault)
+        seen = cloud(scan, self.config.max_laser_range, odometry.twist)
+        with self._lock:
+            track = self._tracker.step(seen, odometry)
+            is_view = self._is_view(track, seen)
+            if is_view:
+                self._add_view(scan.stamp, seen, track)
+            step = self._record(scan, seen, odometry, track, is_view)
+        while not self._background and self.work():
+            pass
+        return step
+
+    def work(self) -> bool:
+        """Try to close one waiting view's loops; return whether there was one."""
+        with self._lock:
+            if not self._to_close:
+                return False
+            new = self._to_close.popleft()
+            targets = loops.candidates(new, self._ekf, np.array(self._centres), self.config)
+            poses = self._ekf.poses.copy()
+        for target in targets:
+            around = loops.local_map(target.old, new - self.config.loop_minimum_gap,
+                                     poses, self._clouds)
+            found = loops.match(target, new, self._clouds[new], around, self.config)
+            if found is None:
+                self.counters['loops_rejected'] += 1
+            else:
+                self._close(found)
+        self._relinearise()
+        return True
+
+    def grid(self) -> Grid:
+        """Map at the poses held now; slow after a loop, so not for the scan path."""
+        with self._lock:
+            scans, poses = list(self._scans), self._ekf.poses.copy()
+        with self._map_lock:
+            return self._mapper.render(scans, poses)
+
+    def views(self) -> tuple[Array, Array]:
+        """Stamps (n,) and poses T_map_base (n, 3) of the views, as corrected by all loops."""
+        with self._lock:
+            return np.array(self._stamps), self._ekf.poses.copy()
+
+    def trajectory(self) -> tuple[Array, Array]:
+        """Stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
+        with self._lock:
+            if not self._track:
+                return np.zeros(0), np.zeros((0, 3))
+            stamps, views, hung = zip(*self._track, strict=True)
+            return np.array(stamps), compose(self._ekf.poses[list(views)], np.array(hung))
+
+    @property
+    def pose_sigma(self) -> tuple[float, float, float]:
+        """Standard deviations of the current pose [m, m, rad]."""
+        if self._last is None:
+            return 0.0, 0.0, 0.0
+        return tuple(float(s) for s in np.sqrt(np.diag(self._last.covariance)))
+
+    def _stamp_fault(self, stamp: float) -> str:
+        """Name a stamp that repeats or runs backward."""
+        if self._last is None or stamp > self._last.stamp:
+            return ''
+        return 'scan_stamps_repeated' if stamp == self._last.stamp else 'scan_stamps_backward'
+
+    def _refuse(self, scan: Scan, reason: str) -> Step:
+        """Count a scan that cannot be used."""
+        self.counters[reason] += 1
+        last = self._last
+        return Step(scan.stamp, last.pose if last else Pose(),
+                    last.covariance if last else np.zeros((3, 3)),
+                    last.T_map_odom if last else Pose(), False, False, 0.0, False, reason)
+
+    def _is_view(self, track: Track, seen: Cloud) -> bool:
+        """Keep the first usable scan, then one per minimum travel."""
+        if not self._clouds:
+            return len(seen) > 0
+        x, y, theta = track.T_view_base
+        return bool(np.hypot(x, y) >= self.config.minimum_travel_distance
+                    or abs(theta) >= self.config.minimum_travel_heading)
+
+    def _add_view(self, stamp: float, seen: Cloud, track: Track) -> None:
+        """Let the filter keep the current pose, and match against it from now on."""
+        new = self._ekf.augment(track.T_view_base, track.P)
+        if new:
+            self._relations.append(Relation(new - 1, new, track.T_view_base, track.P))
+        self._clouds.append(seen)
+        self._centres.append(loops.centre(seen))
+        self._stamps.append(stamp)
+        first = max(0, new + 1 - self.config.local_map_views)
+        poses = self._ekf.poses
+        self._tracker.start_view(LocalMap.of_views(
+            self._clouds[first:], list(between(poses[new], poses[first:]))))
+        self._to_close.append(new)
+
+    def _record(self, scan: Scan, seen: Cloud, odometry: Odometry, track: Track,
+                is_view: bool) -> Step:
+        """Keep the scan for trajectory and map, and say what it did."""
+        for name, true in (('matches_accepted', track.matched), ('views', is_view),
+                           (track.reason, bool(track.reason))):
+            self.counters[name] += true
+        hung = self._tracker.T_view_base
+        if self._clouds:
+            view = self._ekf.n - 1
+            self._track.append((scan.stamp, view, hung))
+            if is_view or self._adds_to_map(view, hung):
+                self._scans.append(MapScan(view, hung, seen))
+        pose, covariance = self._pose()
+        T_map_odom = compose(pose, inverse(odometry.pose))
+        self._last = Step(scan.stamp, Pose.from_array(pose), covariance,
+                          Pose.from_array(T_map_odom), True, track.matched, track.inlier_ratio,
+                          is_view, track.reason)
+        return self._last
+
+    def _adds_to_map(self, view: int, hung: Array) -> bool:
+        """Tell whether the robot moved enough, since the last scan kept, for a new map scan."""
+        last = self._scans[-1]
+        d = hung - last.T_view_base
+        return bool(view == last.view and (np.hypot(d[0], d[1]) >= self.config.map_scan_distance
+                                           or abs(d[2]) >= self.config.map_scan_distance))
+
+    def _pose(self) -> tuple[Array, Array]:
+        """Current pose T_map_base (3,) and covariance (3, 3): last view, then the tracker."""
+        if not self._ekf.n:
+            return self._tracker.T_view_base, self._tracker.P
+        return self._ekf.ahead(self._tracker.T_view_base, self._tracker.P)
+
+    def _close(self, found: loops.Loop) -> None:
+        """Let the filter take what is trusted."""
+        with self._lock:
+            relations = self._loops.trusted(found, self._ekf)
+            for relation in relations:
+                self._moved += self._ekf.update(relation)
+                self._relations.append(relation)
+        self.counters['loops_accepted'] += len(relations)
+        self.counters['loops_held_back'] += not relations
+
+    def _relinearise(self) -> None:
+        """Re-solve the whole problem once loops have moved the poses far."""
+        if self._moved < self.config.relinearise_distance:
+            return
+        with self._lock:
+            poses, relations = self._ekf.poses.copy(), list(self._relations)
+        solved = smoothing.solve(poses, relations)
+        with self._lock:
+            self._ekf.relinearise(solved)
+            self._moved = 0.0
+        self.counters['relinearisations'] += 1

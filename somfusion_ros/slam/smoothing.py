@@ -1,0 +1,102 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The whole estimate, solved again: Gauss-Newton over all kept relations (relinearisation).
+
+An EKF linearises each measurement once, where the mean then was. When a loop moves the poses
+far, solving the sparse problem anew at the moved poses, and putting mean and covariance back in
+the filter, takes that error out (Kaess et al. 2008).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.slam.ekf import Relation
+
+ROBUST = 3.0          # loop residuals beyond this many sigmas count less and less (Cauchy)
+CONVERGED = 1e-4      # [m] [rad]
+
+
+class Problem:
+    """All relations between n views as arrays, ready for Gauss-Newton."""
+
+    def __init__(self, relations: Sequence[Relation]) -> None:
+        self.i = np.array([r.first for r in relations])
+        self.j = np.array([r.second for r in relations])
+        self.z = np.array([r.z for r in relations])
+        self.Omega = np.linalg.inv(np.array([r.R for r in relations]))
+        self.loop = self.j - self.i != 1
+
+    def residuals(self, x: Array) -> tuple[Array, Array]:
+        """Residuals (m, 3) z - h(x) and robust weights (m,)."""
+        e = self.z - _between(x[self.i], x[self.j])
+        e[:, 2] = wrap(e[:, 2])
+        chi2 = np.einsum('ma,mab,mb->m', e, self.Omega, e)
+        return e, np.where(self.loop, 1.0 / (1.0 + chi2 / ROBUST ** 2), 1.0)
+
+    def normal_equations(self, x: Array) -> tuple[csc_matrix, Array]:
+        """Information matrix (3 n, 3 n) and gradient (3 n,), view 0 held fixed."""
+        e, w = self.residuals(x)
+        A, B = _jacobians(x[self.i], x[self.j])
+        weighted = self.Omega * w[:, None, None]
+        AtO, BtO = A.transpose(0, 2, 1) @ weighted, B.transpose(0, 2, 1) @ weighted
+        n = len(x)
+        g = np.zeros((n, 3))
+        np.add.at(g, self.i, (AtO @ e[:, :, None])[:, :, 0])
+        np.add.at(g, self.j, (BtO @ e[:, :, None])[:, :, 0])
+        AB = AtO @ B
+        blocks = np.concatenate([AtO @ A, AB, AB.transpose(0, 2, 1), BtO @ B,
+                                 1e12 * np.eye(3)[None]])
+        rows = np.concatenate([self.i, self.i, self.j, self.j, [0]])
+        columns = np.concatenate([self.i, self.j, self.i, self.j, [0]])
+        r = (3 * rows[:, None, None] + np.arange(3)[None, :, None]).repeat(3, 2)
+        c = (3 * columns[:, None, None] + np.arange(3)[None, None, :]).repeat(3, 1)
+        return csc_matrix((blocks.ravel(), (r.ravel(), c.ravel())), shape=(3 * n, 3 * n)), g.ravel()
+
+
+def solve(poses: Array, relations: Sequence[Relation], iterations: int = 8) -> Array:
+    """Re-solve view poses (n, 3) from relations, starting at the given poses."""
+    x, problem = np.array(poses, dtype=float), Problem(relations)
+    for _ in range(iterations):
+        H, g = problem.normal_equations(x)
+        step = splu(H, permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
+                    options={'SymmetricMode': True}).solve(g).reshape(-1, 3)
+        x += step
+        x[:, 2] = wrap(x[:, 2])
+        if np.abs(step).max() < CONVERGED:
+            break
+    return x
+
+
+def covariance(poses: Array, relations: Sequence[Relation]) -> Array:
+    """Covariance (3 n, 3 n) of solved view poses; only its lower triangle is valid."""
+    H, _ = Problem(relations).normal_equations(np.asarray(poses, dtype=float))
+    factor, info = dpotrf(H.toarray(order='F'), lower=1, overwrite_a=1)
+    if info:
+        raise np.linalg.LinAlgError('the relations do not fix every view')
+    inverse, _ = dpotri(factor, lower=1, overwrite_c=1)
+    return inverse
+
+
+def _between(a: Array, b: Array) -> Array:
+    """Row by row pose (m, 3) of b in a, without wrapping the angle."""
+    c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
+    d = b - a
+    return np.column_stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], d[:, 2]])
+
+
+def _jacobians(a: Array, b: Array) -> tuple[Array, Array]:
+    """Row by row Jacobians (m, 3, 3) of `_between` in a and in b."""
+    c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
+    d = b - a
+    B = np.zeros((len(a), 3, 3))
+    B[:, 0, 0], B[:, 0, 1], B[:, 1, 0], B[:, 1, 1], B[:, 2, 2] = c, s, -s, c, 1.0
+    A = -B
+    A[:, 0, 2] = -s * d[:, 0] + c * d[:, 1]
+    A[:, 1, 2] = -c * d[:, 0] - s * d[:, 1]
+    return A, B

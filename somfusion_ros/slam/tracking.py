@@ -1,0 +1,120 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The current pose, one motion away from the last view: predict from odometry, correct by a match.
+
+Older views gain nothing from a match against the newest ones, so the filter's current pose is
+kept as a small filter of its own, relative to the last view, and every scan costs the same
+however long the robot has driven.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from somfusion_ros.config import SlamConfig
+from somfusion_ros.geometry import Array, compose, compose_jacobians, wrap
+from somfusion_ros.slam.correlative import search
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.matching import Match, refine, register
+from somfusion_ros.slam.motion import MotionNoise, Odometry, increment
+from somfusion_ros.slam.scan import Cloud
+
+DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
+SEARCH = (1.2, 1.2)      # [m] [rad] window of the fallback: a stalled odometry's second
+BETTER = 0.08            # share of points by which another match must win
+JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
+MIN_POINTS = 20
+LOOSE = 4.0              # times the odometry's sigmas, for the hold on a match
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """
+    The state after one scan: T_view_base (3,) from the last view, covariance P (3, 3) of it,
+    whether a match corrected it, and the match.
+    """
+
+    T_view_base: Array
+    P: Array
+    matched: bool
+    inlier_ratio: float
+    reason: str
+
+
+class Tracker:
+    """Follows the robot from the last view."""
+
+    def __init__(self, config: SlamConfig) -> None:
+        self._config = config
+        self._noise = MotionNoise()
+        self._map: LocalMap | None = None
+        self._odometry: Odometry | None = None
+        self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
+
+    def start_view(self, local_map: LocalMap) -> None:
+        """Make the current pose the last view, seen with the local map around it."""
+        self._map = local_map
+        self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
+
+    def step(self, scan: Cloud, odometry: Odometry) -> Track:
+        """Predict to the scan's odometry, then correct by matching the scan."""
+        reason = self._predict(odometry)
+        if self._map is None or len(self._map) < MIN_POINTS or len(scan) < MIN_POINTS:
+            return Track(self.T_view_base, self.P, False, 0.0, reason or 'too_few_points')
+        match = self._match(scan, doubtful=bool(reason))
+        matched = match.inlier_ratio >= self._config.minimum_inlier_ratio
+        if matched:
+            self._correct(match)
+        return Track(self.T_view_base, self.P, matched, match.inlier_ratio,
+                     reason or ('' if matched else 'match_rejected'))
+
+    def _predict(self, odometry: Odometry) -> str:
+        """Compose the odometry's increment (section II-A); return what is wrong with it."""
+        previous, self._odometry = self._odometry, odometry
+        if previous is None:
+            return ''
+        step, Q = increment(previous, odometry, self._noise)
+        dt = max(odometry.stamp - previous.stamp, 0.05)
+        reason = ''
+        if (np.hypot(step[0], step[1]) > JUMP_SPEED[0] * dt + 0.5
+                or abs(step[2]) > JUMP_SPEED[1] * dt + 0.5):
+            step, Q, reason = np.zeros(3), np.diag([0.5, 0.5, 0.5]) ** 2, 'odometry_jumps'
+        F, G = compose_jacobians(self.T_view_base, step)
+        self.T_view_base = compose(self.T_view_base, step)
+        self.P = F @ self.P @ F.T + G @ Q @ G.T
+        return reason
+
+    def _match(self, scan: Cloud, doubtful: bool) -> Match:
+        """Match from the prediction; where that is doubtful, search the whole neighbourhood."""
+        seed = self.T_view_base
+        hold = np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3)))
+        match = register(scan, self._map, seed, hold)
+        if (not doubtful and match.inlier_ratio >= self._config.doubtful_inlier_ratio
+                and self._disagreement(match) < DOUBT):
+            return match
+        peak = search(scan, self._map, seed, *SEARCH)
+        other = refine(scan, self._map, peak.pose)
+        return other if other.inlier_ratio > match.inlier_ratio + BETTER else match
+
+    def _disagreement(self, match: Match) -> float:
+        """Squared Mahalanobis distance between match and prediction."""
+        y = self._innovation(match)
+        return float(y @ np.linalg.solve(self.P + match.covariance, y))
+
+    def _innovation(self, match: Match) -> Array:
+        """Match minus prediction (3,)."""
+        y = match.T_map_scan - self.T_view_base
+        y[2] = wrap(y[2])
+        return y
+
+    def _correct(self, match: Match) -> None:
+        """Kalman update of the current pose; a slip shows as disagreement and widens P first."""
+        P = self.P * max(1.0, self._disagreement(match) / 9.0) + 1e-9 * np.eye(3)
+        R, y = match.covariance, self._innovation(match)
+        K = P @ np.linalg.inv(P + R)
+        x = self.T_view_base + K @ y
+        x[2] = wrap(x[2])
+        self.T_view_base = x
+        I_K = np.eye(3) - K
+        self.P = I_K @ P @ I_K.T + K @ R @ K.T
