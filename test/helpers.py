@@ -2,19 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fakes with known truth, made in one place: rooms, maps of them, trajectories, scans."""
 
-from collections.abc import Iterator, Mapping
 import os
 from pathlib import Path
-import random
-import socket
 
 import cv2
 import numpy as np
 import pytest
-
 from somfusion_ros.geometry import apply, Array, between, compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.scan import Scan
+from somfusion_ros.tools.processes import node_environment
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get('SOMFUSION_DATA', ROOT.parent / 'shared')) / 'data'
@@ -144,33 +141,9 @@ def walls_in(T_target_walls: Array, walls: Array) -> Array:
     return apply(T_target_walls, walls.reshape(-1, 2)).reshape(-1, 4)
 
 
-def free_domain() -> int:
-    """Find a ROS domain (1..100) in which nothing on this machine listens right now."""
-    for domain in _shuffled_domains():
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', 7400 + 250 * domain + 10))   # the first participant's port
-            except OSError:
-                continue
-            return domain
-    raise RuntimeError('every ROS domain of this machine is taken')
-
-
-def ros_environment(domain: int | None = None) -> Mapping[str, str]:
-    """Environment for node processes: their own domain, this machine only, fields checked."""
+def ros_environment(domain: int | None = None) -> dict[str, str]:
+    """Environment for node processes: their own domain, this package, message fields checked."""
     paths = [str(ROOT), *os.environ.get('PYTHONPATH', '').split(os.pathsep)]
-    return {**os.environ,
+    return {**node_environment(domain),
             'PYTHONPATH': os.pathsep.join(p for p in paths if p),
-            'PYTHONUNBUFFERED': '1',
-            'OMP_NUM_THREADS': '1',
-            'OPENBLAS_NUM_THREADS': '1',
-            'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp',
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_DOMAIN_ID': str(free_domain() if domain is None else domain),
             'ROS_PYTHON_CHECK_FIELDS': '1'}
-
-
-def _shuffled_domains() -> Iterator[int]:
-    domains = list(range(1, 101))
-    random.Random(os.getpid()).shuffle(domains)
-    yield from domains
