@@ -38,7 +38,7 @@ def from_odometry(message: Any, log_time: float) -> Odometry:
 
 
 class Encoders:
-    """Integrates the two wheel positions of sensor_msgs/JointState."""
+    """Odometry from the two wheel positions in sensor_msgs/JointState."""
 
     def __init__(self, log: 'Log') -> None:
         from somfusion_ros.slam.motion import WheelOdometry
@@ -74,7 +74,7 @@ def find_wheels(names: list[str]) -> tuple[int | None, int | None]:
 
 
 class Transforms:
-    """Takes the odom -> base transform out of /tf."""
+    """The odom -> base transform in /tf."""
 
     def __init__(self) -> None:
         self._frames: tuple[str, str] | None = None

@@ -4,7 +4,7 @@
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
@@ -23,7 +23,7 @@ class BagReader:
         self.path = _resolve(Path(path))
         self._reader: AnyReader | None = None
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> 'BagReader':
         try:
             self._reader = AnyReader(
                 [self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))

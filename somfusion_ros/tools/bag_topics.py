@@ -96,7 +96,8 @@ def _choose(reader: BagReader, types: str | tuple[str, ...], what: str, wanted: 
     if wanted is not None:
         matches = [t for t in found if t.lstrip('/') == wanted.lstrip('/')]
         if not matches:
-            raise reader.error(f'no {what} on topic {wanted} (found: {", ".join(found) or "none"})')
+            raise reader.error(f'no {what} on topic {wanted} '
+                               f'(found: {", ".join(found) or "none"})')
         return matches[0]
     named = [t for t in found if t.rpartition('/')[2] == usual]
     exact = [t for t in named if t.lstrip('/') == usual]

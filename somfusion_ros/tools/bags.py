@@ -7,9 +7,9 @@ The ranges are handed on as they were recorded: what 0 or a value above `range_m
 decided in one place for logs and live scans alike, `somfusion_ros.slam.scan`.
 """
 
-import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+import heapq
 from pathlib import Path
 from typing import Any
 
