@@ -8,6 +8,7 @@ holds the maximum of each neighbourhood bounds the score from above, so the sear
 no seed can mislead it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +23,7 @@ from somfusion_ros.slam.scan import Cloud
 BLOCK = 4         # fine cells along a coarse cell's edge
 BEAMS = 90        # points of a scan that are scored
 BATCH = 48        # coarse nodes opened at a time
+Prior = Callable[[Array], Array]
 DISTINCT = (0.6, 0.2)  # [m] [rad] a rival is at least this far away
 
 
@@ -34,11 +36,13 @@ class Peak:
     rival: float
 
 
-def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: float) -> Peak:
+def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: float,
+           prior: Prior | None = None) -> Peak:
     """
     Best pose of a scan within `reach` [m] and `turn` [rad] of the centre pose (3,).
 
-    The angular step moves the farthest point by about one fine cell of the field.
+    The angular step moves the farthest point by about one fine cell of the field. A prior takes
+    poses (n, 3) to factors (n,) of their score in 0..1, nearly constant over a coarse cell.
     """
     field, corner = target.field
     points = scan.points[np.linspace(0, len(scan) - 1, min(BEAMS, len(scan))).astype(int)]
@@ -51,6 +55,8 @@ def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: flo
     cells = [_cells(points, centre, turn, corner, half + BLOCK, half, fine.shape)
              for turn in turns]
     scores = np.stack([_block_scores(bound, c, half) for c in cells])
+    factors = np.ones_like(scores) if prior is None else _factors(prior, centre, turns, half)
+    scores = scores * factors
     order = np.argsort(scores, axis=None)[::-1]
     best, found, opened = -1.0, (0, 0, 0), []
     for start in range(0, min(len(order), 40 * BATCH), BATCH):
@@ -59,6 +65,7 @@ def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: flo
             break
         a, row, column = np.unravel_index(nodes, scores.shape)
         values = _open(fine, np.stack([cells[k] for k in a]), row * BLOCK, column * BLOCK)
+        values = values * factors.flat[nodes][:, None, None]
         opened.append((values.max(axis=(1, 2)), a, row, column))
         k = int(values.argmax())
         if values.flat[k] > best:
@@ -69,6 +76,14 @@ def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: flo
                      centre[1] + (found[1] - half) * FIELD_STEP,
                      wrap(centre[2] + turns[found[0]])])
     return Peak(pose, best, _rival(opened, found, turns))
+
+
+def _factors(prior: Prior, centre: Array, turns: Array, half: int) -> Array:
+    """Prior (A, B, B) of every coarse node."""
+    offset = np.arange(-half, half + 1, BLOCK) * FIELD_STEP
+    theta, y, x = np.meshgrid(turns, offset, offset, indexing='ij')
+    poses = centre + np.stack([x, y, theta], -1).reshape(-1, 3)
+    return prior(poses).reshape(theta.shape)
 
 
 def _padded(field: NDArray[np.float32], margin: int) -> NDArray[np.float32]:

@@ -174,7 +174,8 @@ class Slam:
         """Keep the scan for trajectory and map, and say what it did."""
         for name, true in (('matches_accepted', track.matched), ('views', is_view),
                            (track.reason, bool(track.reason))):
-            self.counters[name] += true
+            if true:
+                self.counters[name] += 1
         hung = self._tracker.T_view_base
         if self._clouds:
             view = self._ekf.n - 1
@@ -209,7 +210,8 @@ class Slam:
                 self._moved += self._ekf.update(relation)
                 self._relations.append(relation)
         self.counters['loops_accepted'] += len(relations)
-        self.counters['loops_held_back'] += not relations
+        if not relations:
+            self.counters['loops_held_back'] += 1
 
     def _relinearise(self) -> None:
         """Re-solve the whole problem once loops have moved the poses far."""

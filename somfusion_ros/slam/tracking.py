@@ -8,12 +8,13 @@ kept as a small filter of its own, relative to the last view, and every scan cos
 however long the robot has driven.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import Array, compose, compose_jacobians, wrap
+from somfusion_ros.geometry import Array, between, compose, compose_jacobians, wrap
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine, register
@@ -24,6 +25,9 @@ DOUBT = 36.0             # squared Mahalanobis distance at which match and odome
 SEARCH = (1.2, 1.2)      # [m] [rad] window of the fallback: a stalled odometry's second
 BETTER = 0.08            # share of points by which another match must win
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
+STALL = np.array([1.0, 0.35, 1.0])        # sigmas along [m], across [m], heading [rad]
+IMPLAUSIBLE = 0.4                         # share of the score that an implausible pose loses
+DOUBTFUL_SIGMA = (0.2, 0.2, 0.1)          # [m] [m] [rad] added to a doubtful match
 MIN_POINTS = 20
 LOOSE = 4.0              # times the odometry's sigmas, for the hold on a match
 
@@ -42,6 +46,27 @@ class Track:
     reason: str
 
 
+def plausibility(poses: Array, expected: tuple[Array, ...]) -> Array:
+    """
+    Factor (n,) in 0..1 for poses (n, 3): how well they continue one of the expected poses.
+
+    A wheeled robot's odometry that stalls is wrong along the travel and in heading, hardly
+    across. The factor is bounded below, so that a clear match can still overrule it.
+    """
+    likelihood = np.zeros(len(poses))
+    for pose in expected:
+        d = between(pose, poses) / STALL
+        likelihood = np.maximum(likelihood, np.exp(-0.5 * (d ** 2).sum(1)))
+    return 1.0 - IMPLAUSIBLE * (1.0 - likelihood)
+
+
+def uncertain(match: Match) -> Match:
+    """Weaken a match of which much stays unexplained, so that later loops may correct it."""
+    floor = np.diag(DOUBTFUL_SIGMA) ** 2
+    information = match.information @ np.linalg.inv(np.eye(3) + floor @ match.information)
+    return replace(match, information=0.5 * (information + information.T))
+
+
 class Tracker:
     """Follows the robot from the last view."""
 
@@ -51,6 +76,7 @@ class Tracker:
         self._map: LocalMap | None = None
         self._odometry: Odometry | None = None
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
+        self._before, self._velocity, self._dt = np.zeros(3), np.zeros(3), 0.0
 
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
@@ -59,6 +85,7 @@ class Tracker:
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
         """Predict to the scan's odometry, then correct by matching the scan."""
+        self._before = self.T_view_base
         reason = self._predict(odometry)
         if self._map is None or len(self._map) < MIN_POINTS or len(scan) < MIN_POINTS:
             return Track(self.T_view_base, self.P, False, 0.0, reason or 'too_few_points')
@@ -66,6 +93,8 @@ class Tracker:
         matched = match.inlier_ratio >= self._config.minimum_inlier_ratio
         if matched:
             self._correct(match)
+        if self._dt > 0.0:
+            self._velocity = between(self._before, self.T_view_base) / self._dt
         return Track(self.T_view_base, self.P, matched, match.inlier_ratio,
                      reason or ('' if matched else 'match_rejected'))
 
@@ -75,7 +104,7 @@ class Tracker:
         if previous is None:
             return ''
         step, Q = increment(previous, odometry, self._noise)
-        dt = max(odometry.stamp - previous.stamp, 0.05)
+        dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
         reason = ''
         if (np.hypot(step[0], step[1]) > JUMP_SPEED[0] * dt + 0.5
                 or abs(step[2]) > JUMP_SPEED[1] * dt + 0.5):
@@ -93,9 +122,16 @@ class Tracker:
         if (not doubtful and match.inlier_ratio >= self._config.doubtful_inlier_ratio
                 and self._disagreement(match) < DOUBT):
             return match
-        peak = search(scan, self._map, seed, *SEARCH)
-        other = refine(scan, self._map, peak.pose)
-        return other if other.inlier_ratio > match.inlier_ratio + BETTER else match
+        coasted = compose(self._before, self._velocity * self._dt)
+        plausible = partial(plausibility, expected=(seed, coasted))
+        others = [register(scan, self._map, coasted),
+                  refine(scan, self._map,
+                         search(scan, self._map, seed, *SEARCH, prior=plausible).pose)]
+        best = max([match, *others],
+                   key=lambda m: m.inlier_ratio * plausible(m.T_map_scan[None])[0])
+        if best.inlier_ratio > match.inlier_ratio + BETTER:
+            match = best
+        return uncertain(match) if match.inlier_ratio < self._config.doubtful_inlier_ratio else match
 
     def _disagreement(self, match: Match) -> float:
         """Squared Mahalanobis distance between match and prediction."""
