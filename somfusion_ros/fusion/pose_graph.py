@@ -78,7 +78,7 @@ def optimise(graph: Graph) -> Estimate:
 
 
 def _linearise(graph: Graph, poses: Array) -> tuple[Array, Array, Array]:
-    """Normal matrix H, gradient, and chi-square per edge at the given poses."""
+    """Build the normal matrix H, gradient, and chi-square per edge at the given poses."""
     H = np.zeros((3 * graph.nodes, 3 * graph.nodes))
     gradient = np.zeros(3 * graph.nodes)
     chi2 = np.zeros(len(graph.pairs))

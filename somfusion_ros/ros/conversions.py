@@ -16,11 +16,10 @@ from nav_msgs.msg import OccupancyGrid, Odometry as OdometryMessage, Path
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField
-from std_msgs.msg import Header
-
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.scan import Scan
+from std_msgs.msg import Header
 
 CLUSTER_FIELDS = ('x', 'y', 'z', 'normal_x', 'normal_y', 'segment', 'weight')
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))   # x, y, rotation about z in a 6 x 6 covariance

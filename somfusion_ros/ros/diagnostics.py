@@ -30,7 +30,7 @@ class Faults:
             self._logger.warning(f'{kind}: {reason} (further ones are counted in /diagnostics)')
 
     def counts(self) -> dict[str, int]:
-        """Counts so far."""
+        """Give the counts so far."""
         with self._lock:
             return dict(self._counts)
 

@@ -29,6 +29,7 @@ TOPICS = {'sensor_msgs/msg/LaserScan': ('scan', LaserScan, qos.REPLAY),
           'nav_msgs/msg/Odometry': ('odom', Odometry, qos.REPLAY),
           'sensor_msgs/msg/JointState': ('joint_states', JointState, qos.REPLAY)}
 TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+SETTLE = 1.0                # [s] for the listeners to learn of this publisher as well
 ACKNOWLEDGED_WITHIN = 5.0   # [s] for the last messages to arrive
 
 
@@ -122,6 +123,7 @@ class PlayerNode(Node):
             heard = {msgtype for msgtype, publisher in self._publishers_by_type.items()
                      if publisher.get_subscription_count()}
             if len(heard & set(TOPICS)) >= 2:
+                self._stop.wait(SETTLE)
                 return
 
     def _finish(self, start: float) -> None:

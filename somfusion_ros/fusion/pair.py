@@ -1,0 +1,121 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The history of one pair of maps: when to match it again, and which verdict holds.
+
+A verdict that holds is replaced by another pose only if that is clearly better twice in a row,
+so that the global map does not jump; a verdict at nearly the same pose follows at once, so that
+loop closures move the map smoothly.
+"""
+
+import cv2
+import numpy as np
+
+from somfusion_ros.fusion.alignment import Alignment
+from somfusion_ros.geometry import apply, Array, Pose, wrap
+from somfusion_ros.grid import Grid
+
+SAME_DISTANCE = 0.5                # [m] at the walls of the source map; nearer is the same pose
+SAME_HEADING = np.radians(5.0)     # [rad]
+DOUBT_RATIO = 0.5                  # clearly better: at most this share of the doubt is left,
+DOUBT_FLOOR = 1e-3                 # or less doubt than can be told apart
+CONFIRMATIONS = 2                  # times in a row before another pose replaces the one that holds
+REFUSALS = 4                       # clear refusals in a row that withdraw a verdict
+WALL_TOLERANCE = 1                 # cells that a wall may move without being a change
+
+
+class Pair:
+    """One pair of maps, from its first match on."""
+
+    def __init__(self) -> None:
+        self.held: Alignment | None = None
+        self.last: Alignment | None = None
+        self.attempts = 0
+        self._rivals: list[Alignment] = []
+        self._refusals = 0
+        self._matched: tuple[Grid, Grid] | None = None
+
+    def due(self, target: Grid, source: Grid, minimum_change: float) -> bool:
+        """Tell whether one of the maps changed enough since they were last matched."""
+        if self._matched is None:
+            return True
+        return any(old is not new and change(old, new) >= minimum_change
+                   for old, new in zip(self._matched, (target, source)))
+
+    def record(self, alignment: Alignment, target: Grid, source: Grid) -> str:
+        """Take a verdict in; tell in one word what became of it."""
+        self.last, self._matched = alignment, (target, source)
+        self.attempts += 1
+        if self.held is None:
+            return self._hold(alignment, 'accepted') if alignment.accepted else 'refused'
+        if self._same(alignment, source):
+            return self._hold(alignment, 'updated') if alignment.accepted else 'kept'
+        if not alignment.accepted:
+            return self._doubt(alignment)
+        return self._challenge(alignment, source)
+
+    def _hold(self, alignment: Alignment, word: str) -> str:
+        """Let a verdict hold from now on."""
+        self.held, self._rivals, self._refusals = alignment, [], 0
+        return word
+
+    def _doubt(self, alignment: Alignment) -> str:
+        """Count a refusal at another pose; several in a row withdraw the verdict that holds."""
+        self._rivals = []
+        self._refusals += 1
+        if self._refusals < REFUSALS:
+            return 'kept'
+        self.held, self._refusals = None, 0
+        return 'withdrawn'
+
+    def _challenge(self, rival: Alignment, source: Grid) -> str:
+        """Replace the pose that holds once a clearly better one came often enough in a row."""
+        doubt_left = (1.0 - rival.probability) / max(1.0 - self.held.probability, DOUBT_FLOOR)
+        if doubt_left > DOUBT_RATIO and 1.0 - rival.probability > DOUBT_FLOOR:
+            self._rivals = []
+            return 'kept'
+        if self._rivals and not same_pose(self._rivals[-1].T_target_source,
+                                          rival.T_target_source, source):
+            self._rivals = []
+        self._rivals.append(rival)
+        return self._hold(rival, 'replaced') if len(self._rivals) >= CONFIRMATIONS else 'kept'
+
+    def _same(self, alignment: Alignment, source: Grid) -> bool:
+        """Tell whether a verdict found the pose that holds again."""
+        if alignment.T_target_source is None:
+            return False
+        return same_pose(self.held.T_target_source, alignment.T_target_source, source)
+
+
+def same_pose(first: Pose, second: Pose, source: Grid) -> bool:
+    """Tell whether two poses put the walls of the source map in the same place."""
+    points = source.points(source.occupied)
+    centre = points.mean(0, keepdims=True) if len(points) else np.zeros((1, 2))
+    distance = np.linalg.norm(apply(first, centre) - apply(second, centre))
+    return bool(distance <= SAME_DISTANCE
+                and abs(wrap(first.theta - second.theta)) <= SAME_HEADING)
+
+
+def change(old: Grid, new: Grid) -> float:
+    """Share of the walls of either map that the other one does not have, 0..1."""
+    if old.shape == new.shape and old.T_frame_grid == new.T_frame_grid and np.array_equal(
+            old.evidence, new.evidence):
+        return 0.0
+    return max(missing_walls(old, new), missing_walls(new, old))
+
+
+def missing_walls(grid: Grid, other: Grid) -> float:
+    """Share of the walls of a map that the other one does not have, 0..1."""
+    points = grid.points(grid.occupied)
+    return 1.0 - float(_on_wall(points, other).mean()) if len(points) else 0.0
+
+
+def _on_wall(points: Array, grid: Grid) -> Array:
+    """Tell for map points (N, 2) whether they lie on a wall of a map, or one cell beside."""
+    size = 2 * WALL_TOLERANCE + 1
+    walls = cv2.dilate(grid.occupied.astype(np.uint8), np.ones((size, size), np.uint8))
+    cells = grid.point_to_cell(points)
+    inside = ((cells >= 0) & (cells < grid.shape)).all(1)
+    hit = np.zeros(len(points), dtype=bool)
+    hit[inside] = walls[tuple(cells[inside].T)] > 0
+    return hit

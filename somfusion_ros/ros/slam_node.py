@@ -1,0 +1,247 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+slam_node: one robot's scans and odometry in, its map, pose and path out.
+
+The callbacks only convert and process; loops are closed and maps drawn in a worker thread.
+"""
+
+from dataclasses import dataclass
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
+from nav_msgs.srv import GetMap
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState, LaserScan
+from somfusion_ros.config import SlamConfig, SlamNodeConfig
+from somfusion_ros.geometry import Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.ros import conversions as convert
+from somfusion_ros.ros import parameters, qos
+from somfusion_ros.ros.diagnostics import diagnostic_array, Faults, status
+from somfusion_ros.ros.runtime import run
+from somfusion_ros.ros.session import Session
+from somfusion_ros.ros.tf import make_transforms, Mount
+from somfusion_ros.ros.worker import Worker
+from somfusion_ros.slam.motion import WheelOdometry
+from somfusion_ros.slam.slam import Step
+from somfusion_ros.tools.maps import write_map
+from std_srvs.srv import Trigger
+
+TICK = 0.1           # [s] between looks at scans that wait in vain
+REPORT_PERIOD = 1.0  # [s] between two diagnostics
+ODOMETRY_OLD = 2.0   # [s] without odometry that are worth a warning
+
+
+@dataclass
+class Last:
+    """What happened last: the stamp and step of the newest scan, times for the report."""
+
+    stamp: Time | None = None
+    step: Step | None = None
+    scan_seconds: float = 0.0
+    scans: int = 0
+    odometry_heard: float = float('-inf')
+
+
+class SlamNode(Node):
+    """The ROS side of one robot's SLAM."""
+
+    def __init__(self) -> None:
+        super().__init__('slam_node')
+        self._config = parameters.declare(self, SlamNodeConfig)
+        self._count = Faults(self.get_logger())
+        self._session = Session(parameters.declare(self, SlamConfig),
+                                self._config.transform_timeout, self._count)
+        self._wheels = WheelOdometry(self._config.wheel_radius, self._config.wheel_separation)
+        self._transforms = make_transforms(self, Pose.from_array(self._config.laser_pose))
+        self._mount: Mount | None = None
+        self._ticks = 0
+        self._last, self._reported = Last(), (0, time.monotonic())
+        self._map: OccupancyGrid | None = None
+        self._map_due, self._drawn = 0.0, None
+        self._worker = Worker(self._work, self._on_worker_error)
+        self._make_interfaces()
+        self._worker.start()
+
+    def close(self, timeout: float) -> bool:
+        """Stop the worker; tell whether it ended in time."""
+        return self._worker.close(timeout)
+
+    def _make_interfaces(self) -> None:
+        """Make every topic, service and timer; all names are relative."""
+        options = {'qos_overriding_options': qos.overridable()}
+        self.create_subscription(LaserScan, 'scan', self._on_scan, qos.SENSOR_DATA, **options)
+        if self._config.odometry_source == 'odom':
+            self.create_subscription(Odometry, 'odom', self._on_odometry, qos.SENSOR_DATA,
+                                     **options)
+        else:
+            self.create_subscription(JointState, 'joint_states', self._on_joint_states,
+                                     qos.SENSOR_DATA, **options)
+        self._map_pub = self.create_publisher(OccupancyGrid, 'map', qos.LATCHED)
+        self._metadata_pub = self.create_publisher(MapMetaData, 'map_metadata', qos.LATCHED)
+        self._pose_pub = self.create_publisher(PoseWithCovarianceStamped, 'pose', qos.STREAM)
+        self._path_pub = self.create_publisher(Path, 'path', qos.LATEST)
+        self._diagnostics_pub = self.create_publisher(DiagnosticArray, '/diagnostics', qos.STREAM)
+        # A group of its own: while it waits for the worker, the other callbacks go on.
+        self.create_service(Trigger, '~/save_map', self._save_map,
+                            callback_group=MutuallyExclusiveCallbackGroup())
+        self.create_service(Trigger, '~/reset', self._reset)
+        self.create_service(GetMap, 'dynamic_map', self._dynamic_map)
+        self.create_timer(TICK, self._tick)
+        self.create_timer(REPORT_PERIOD, self._report)
+        if self._config.transform_publish_period > 0:
+            self.create_timer(self._config.transform_publish_period, self._send_transform)
+
+    def _on_scan(self, message: LaserScan) -> None:
+        """Let a scan wait for its odometry, and process what need not wait any more."""
+        mount = self._mount or self._transforms.mount(self._config.base_frame,
+                                                      message.header.frame_id)
+        if mount is None:
+            self._count('scans_without_mount', 'TF does not know where the laser '
+                        f'{message.header.frame_id} sits on {self._config.base_frame}')
+            return
+        self._mount = mount
+        scan = convert.scan_from_message(message, *mount)
+        self._session.add_scan(scan, message.header.stamp, self._ticks * TICK)
+        self._process()
+
+    def _on_odometry(self, message: Odometry) -> None:
+        """Keep a pose of the wheel odometry."""
+        try:
+            stamp, pose = convert.odometry_from_message(message)
+        except ValueError as error:
+            self._count('odometry_not_finite', str(error))
+            return
+        self._last.odometry_heard = time.monotonic()
+        self._session.add_odometry(stamp, pose)
+        self._process()
+
+    def _on_joint_states(self, message: JointState) -> None:
+        """Integrate the two wheels; other joints may come in messages of their own."""
+        config = self._config
+        if config.left_wheel_joint not in message.name and message.name:
+            return
+        try:
+            stamp, wheels = convert.wheels_from_message(
+                message, config.left_wheel_joint, config.right_wheel_joint)
+        except ValueError as error:
+            self._count('wheels_unusable', str(error))
+            return
+        self._last.odometry_heard = time.monotonic()
+        self._session.add_odometry(stamp, self._wheels.update(*wheels), wheels)
+        self._process()
+
+    def _process(self) -> None:
+        """Follow the robot through the scans that odometry covers."""
+        start = time.perf_counter()
+        for stamp, step in self._session.steps(self._ticks * TICK):
+            now = time.perf_counter()
+            self._last.scan_seconds, start = now - start, now
+            self._last.scans += 1
+            if step.accepted:
+                self._last.stamp, self._last.step = stamp, step
+                self._pose_pub.publish(convert.pose_with_covariance(
+                    step.pose, step.covariance, self._config.map_frame, stamp))
+
+    def _tick(self) -> None:
+        """
+        Look at the waiting scans also while nothing arrives.
+
+        Ticks are the clock of the waiting: they stand still while this thread is held up, so a
+        scan is never dropped for odometry that lies in the inbox already.
+        """
+        self._ticks += 1
+        self._process()
+
+    def _send_transform(self) -> None:
+        """Repeat map -> odom, stamped ahead by the timeout so that consumers need not wait."""
+        if self._last.step is not None:
+            ahead = convert.seconds(self._last.stamp) + self._config.transform_timeout
+            self._transforms.send([convert.transform_message(
+                self._last.step.T_map_odom, self._config.map_frame, self._config.odom_frame,
+                convert.time_message(ahead))])
+
+    def _work(self) -> bool:
+        """Close one loop or draw the map, in the worker; tell whether there is more."""
+        more = self._session.slam.work()
+        if time.monotonic() >= self._map_due and self._last.step is not self._drawn:
+            self._drawn = self._last.step
+            self._publish_map()
+            self._map_due = time.monotonic() + self._config.map_update_interval
+        return more
+
+    def _publish_map(self) -> Grid:
+        """Draw and publish map, metadata and path."""
+        slam, stamp = self._session.slam, self._last.stamp or Time()
+        grid = slam.grid()
+        message = convert.grid_message(grid, self._config.map_frame, stamp)
+        path = convert.path_message(*slam.views(), self._config.map_frame, stamp)
+        self._map = message
+        if not self._worker.stopping:
+            self._map_pub.publish(message)
+            self._metadata_pub.publish(message.info)
+            self._path_pub.publish(path)
+        return grid
+
+    def _report(self) -> None:
+        """Tell /diagnostics how the node is doing."""
+        (scans, since), now = self._reported, time.monotonic()
+        self._reported = (self._last.scans, now)
+        slam, faults = self._session.slam, self._count.counts()
+        age = now - self._last.odometry_heard
+        sigma = slam.pose_sigma
+        values = {'scans_per_s': (self._last.scans - scans) / (now - since),
+                  'ms_per_scan': 1e3 * self._last.scan_seconds, 'age_of_odometry_s': age,
+                  'pose_sigma_x_m': sigma[0], 'pose_sigma_y_m': sigma[1],
+                  'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
+        warning = ('no odometry yet' if age == float('inf') else
+                   f'no odometry for {age:.1f} s' if age > ODOMETRY_OLD else
+                   'no scan could be used yet' if self._last.step is None else '')
+        self._diagnostics_pub.publish(diagnostic_array(self.get_clock().now().to_msg(), [status(
+            self.get_fully_qualified_name().lstrip('/'), self.get_namespace(), values, warning)]))
+
+    def _on_worker_error(self, error: Exception) -> None:
+        self._count('worker_errors', repr(error))
+
+    def _dynamic_map(self, request: Any, response: GetMap.Response) -> GetMap.Response:
+        """Give the map as published last."""
+        if self._map is not None:
+            response.map = self._map
+        return response
+
+    async def _save_map(self, request: Any, response: Trigger.Response) -> Trigger.Response:
+        """Write the map as it is now; the worker draws it, so that scans go on meanwhile."""
+        saved = Future(executor=self.executor)
+        self._worker.submit(lambda: saved.set_result(self._save()))
+        response.success, response.message = await saved
+        return response
+
+    def _save(self) -> tuple[bool, str]:
+        """Write map.yaml and map.pgm; tell whether it went well, and the path or the reason."""
+        try:
+            return True, str(write_map(self._config.map_directory, self._publish_map()))
+        except OSError as error:
+            return False, str(error)
+
+    def _reset(self, request: Any, response: Trigger.Response) -> Trigger.Response:
+        """Begin a new map."""
+        self._session.reset()
+        self._last.step = None
+        response.success, response.message = True, 'a new map begins'
+        return response
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run slam_node until SIGINT or SIGTERM."""
+    return run(lambda stop: SlamNode(), args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
