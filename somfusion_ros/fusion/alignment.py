@@ -2,13 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two maps in, their relative pose with a verdict out: the paper's pipeline in order."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from time import perf_counter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from somfusion_ros.config import FusionConfig
-from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.fusion import orientation, refinement, seeds, translation, verification
+from somfusion_ros.fusion.features import Map
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
+
+FEWEST = 8          # features below which a map cannot be matched
+PEAKS = 4           # peaks of the histograms' correlation that are followed
+VOTE_CELLS = 512    # most cells along an edge of the voting grid
+FINAL = (np.radians([9.0, 6.0, 5.0, 4.0]), (0.4, 0.3, 0.2, 0.15))   # last steps of Algorithm 2
+PUBLISHED_V = 0.9   # V from which the published method trusts its only hypothesis
 
 
 @dataclass(frozen=True)
@@ -41,11 +52,167 @@ class Alignment:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class MapTrace:
+    """
+    What was learned of one map, for figures.
+
+    segments: one array (N, 2) of wall cells [m] per segment; labels (M,) segment of each of the
+    cells (M, 2) [m]; clusters (K, 2) [m] with norms (K, 2), cluster_segments (K,) and weights
+    (K,) [m]; histogram (360,) of norms; radon image (D, offsets) over radon_directions (D,) [rad]
+    and the sharpness (D,) whose peaks tune the orientation.
+    """
+
+    segments: list[Array]
+    cells: Array
+    labels: NDArray[np.intp]
+    clusters: Array
+    norms: Array
+    cluster_segments: NDArray[np.intp]
+    weights: Array
+    histogram: Array
+    radon: Array
+    radon_directions: Array
+    radon_sharpness: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """An alignment, what was learned of both maps, the correlation (360,) of histograms, J."""
+
+    alignment: Alignment
+    target: MapTrace
+    source: MapTrace
+    correlation: Array
+    performance_index: tuple[float, ...]
+
+
 def align(target: Grid, source: Grid, config: FusionConfig | None = None,
           rng: np.random.Generator | None = None) -> Alignment:
     """
     Find the pose of the source map in the target map.
 
-    Never raises on maps that cannot be matched: "no match" is an Alignment with a reason.
+    Never raises on maps that cannot be matched: "no match" is an Alignment with a reason. No
+    random number is drawn; `rng` is there for methods that need one. Both directions give the
+    same answer: inside, the map with more wall is always the target.
     """
-    raise NotImplementedError
+    config, clock = config or FusionConfig(), Clock()
+    maps = learn(target, config), learn(source, config)
+    clock.lap('learning')
+    for name, one in zip(('target', 'source'), maps):
+        if len(one.features) < FEWEST:
+            return Alignment(False, 0.0, f'refused: the {name} map shows too little wall '
+                             f'({len(one.features)} clusters)', seconds=clock.seconds)
+    method = _align_as_published if config.method == 'paper' else _align
+    if _rank(target, maps[0]) >= _rank(source, maps[1]):
+        return method(*maps, config, clock)
+    return _turned_round(method(*maps[::-1], config, clock))
+
+
+def _align(target: Map, source: Map, config: FusionConfig, clock: 'Clock') -> Alignment:
+    """Every stage in order, with many hypotheses at once."""
+    correlation = orientation.correlate(target.histogram, source.histogram)
+    turns = orientation.tune(orientation.peaks(correlation, PEAKS), target.spectrum,
+                             source.spectrum)
+    clock.lap('orientation')
+    votes = seeds.VoteGrid(target.features, source.features, config.vote_cell, VOTE_CELLS)
+    poses = np.concatenate([votes.seeds(turn, config.seeds).reshape(-1, 3)
+                            for turn in orientation.families(turns)])
+    clock.lap('seeds')
+    poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
+    score = verification.scores(poses, target, source, every=2)
+    poses = verification.distinct(poses, score, source.pivot, config.finalists)
+    poses, J = translation.settle(poses, source.features, target.features, target.nearest, *FINAL)
+    clock.lap('translation')
+    evidence = [verification.measure(pose, target, source) for pose in poses]
+    verdict = verification.judge(poses, evidence, source.pivot, config.estimation_confidence)
+    clock.lap('verification')
+    pose, covariance = refinement.refine(poses[verdict.best], target, source)
+    clock.lap('refinement')
+    rival = None if verdict.rival is None else RunnerUp(
+        Pose.from_array(poses[verdict.rival]), float(verdict.probabilities[verdict.rival]))
+    return _report(pose, covariance, verdict, evidence[verdict.best], J[:, verdict.best], rival,
+                   clock)
+
+
+def _align_as_published(target: Map, source: Map, config: FusionConfig,
+                        clock: 'Clock') -> Alignment:
+    """Follow the paper to the letter: one orientation, one start, and V decides."""
+    correlation = orientation.correlate(target.histogram, source.histogram)
+    theta = orientation.tune(orientation.peaks(correlation, 1), target.spectrum,
+                             source.spectrum)[0]
+    clock.lap('orientation')
+    start = np.r_[target.pivot - rotation(theta) @ source.pivot, theta]
+    pose, J = translation.mean_shift(start, source.features, target.features, target.nearest)
+    clock.lap('translation')
+    evidence = verification.measure(pose, target, source)
+    verdict = verification.judge_by_V(pose, evidence, PUBLISHED_V)
+    clock.lap('verification')
+    return _report(pose, np.diag([0.01, 0.01, 1e-4]), verdict, evidence, np.asarray(J), None,
+                   clock)
+
+
+def trace(target: Grid, source: Grid, config: FusionConfig | None = None,
+          rng: np.random.Generator | None = None) -> Trace:
+    """Return `align` together with its intermediate products, for figures."""
+    config = config or FusionConfig()
+    parts = [_map_trace(learn(grid, config)) for grid in (target, source)]
+    alignment = align(target, source, config, rng)
+    return Trace(alignment, *parts, orientation.correlate(*(part.histogram for part in parts)),
+                 alignment.performance_index)
+
+
+def _map_trace(one: Map) -> MapTrace:
+    """Collect what figures show of one map."""
+    order = np.argsort(one.segments, kind='stable')
+    starts = np.flatnonzero(np.diff(one.segments[order])) + 1
+    directions = orientation.directions()
+    image = np.zeros((len(directions), 1))
+    if len(one.features):
+        image = orientation.radon(one.features.centres, one.features.weights, directions, 0.1)
+    return MapTrace(np.split(one.cells[order], starts), one.cells, one.segments,
+                    one.clusters.centres, one.clusters.norms, one.clusters.segments,
+                    one.clusters.weights, one.histogram, image, directions,
+                    orientation.spectrum(image))
+
+
+class Clock:
+    """Seconds per stage."""
+
+    def __init__(self) -> None:
+        """Start."""
+        self.seconds: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Note what passed since the last call under the name of a stage."""
+        now = perf_counter()
+        self.seconds[stage], self._last = now - self._last, now
+
+
+def _report(pose: Array, covariance: Array, verdict: verification.Verdict,
+            evidence: verification.Evidence, J: Array, rival: RunnerUp | None,
+            clock: Clock) -> Alignment:
+    """Put the answer together."""
+    return Alignment(verdict.accepted, float(verdict.probabilities[verdict.best]), verdict.reason,
+                     Pose.from_array(pose), covariance, 100.0 * evidence.V,
+                     tuple(float(value) for value in J), evidence.overlap, rival, clock.seconds)
+
+
+def _rank(grid: Grid, one: Map) -> tuple[int, tuple[int, int], bytes]:
+    """Order two maps by what they show, whichever is called the target."""
+    return len(one.cells), grid.shape, one.cells[:100].tobytes()
+
+
+def _turned_round(answer: Alignment) -> Alignment:
+    """Return the same answer for target and source exchanged."""
+    T = answer.T_target_source
+    c, s = np.cos(T.theta), np.sin(T.theta)
+    # d inverse(T) / dT: the covariance follows the pose into the other frame.
+    back = inverse(T)
+    J = np.array([[-c, -s, back[1]], [s, -c, -back[0]], [0.0, 0.0, -1.0]])
+    rival = answer.runner_up
+    if rival is not None:
+        rival = replace(rival, T_target_source=Pose(*inverse(rival.T_target_source)))
+    return replace(answer, T_target_source=Pose(*back), runner_up=rival,
+                   covariance=J @ answer.covariance @ J.T)

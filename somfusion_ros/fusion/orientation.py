@@ -1,0 +1,131 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Relative orientation from histograms of norms, tuned by Radon images (section III-A, (5)-(8)).
+
+Angles are source to target, counter-clockwise. The circular cross-correlation of the two 360
+degree histograms peaks at the relative orientation; buildings are rectangular, so that its rivals
+at 90, 180 and 270 degrees are kept as hypotheses too. The tuning compares how sharply the walls
+of both maps project onto lines of every direction, which is finer than one degree.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from somfusion_ros.geometry import Array
+
+BINS = 360
+FINE = 4           # Radon directions per degree
+TUNING = 4.0       # furthest that the tuning may go from a histogram peak [deg]
+
+
+def histogram(norms: Array, weights: Array, sided: Array, sigma: float = 2.0) -> Array:
+    """
+    Weighted histogram (360,) of norm directions, one bin per degree, smoothed on the circle.
+
+    A norm whose sign is unsure counts for its opposite too. Norms (N, 2); weights (N,); sided
+    (N,) 0..1; sigma of the smoothing [deg].
+    """
+    degrees = np.degrees(np.arctan2(norms[:, 1], norms[:, 0]))
+    sure = (1.0 + sided) / 2.0
+    counts = np.zeros(BINS)
+    for shift, share in ((0.0, sure), (180.0, 1.0 - sure)):
+        place = (degrees + shift) % BINS
+        low = np.floor(place).astype(np.intp)
+        part = place - low
+        counts += np.bincount(low % BINS, weights * share * (1.0 - part), BINS)
+        counts += np.bincount((low + 1) % BINS, weights * share * part, BINS)
+    wave = np.fft.rfftfreq(BINS, 1.0 / BINS)
+    smooth = np.exp(-0.5 * (2.0 * np.pi * wave * sigma / BINS) ** 2)
+    return np.fft.irfft(np.fft.rfft(counts) * smooth, BINS)
+
+
+def correlate(target: Array, source: Array) -> Array:
+    """Circular cross-correlation: [k] is the agreement when the source turns by k bins."""
+    a, b = target - target.mean(), source - source.mean()
+    scale = np.linalg.norm(a) * np.linalg.norm(b)
+    product = np.fft.rfft(a) * np.conj(np.fft.rfft(b))
+    return np.fft.irfft(product, len(a)) / max(scale, 1e-12)
+
+
+def peaks(correlation: Array, count: int, apart: int = 12) -> Array:
+    """Highest `count` local maxima of a circular array, at least `apart` bins apart [rad]."""
+    rest, found = correlation.copy(), []
+    top = correlation.max()
+    while len(found) < count:
+        k = int(rest.argmax())
+        if found and rest[k] < 0.4 * top:
+            break
+        if correlation[k] >= max(correlation[k - 1], correlation[(k + 1) % len(rest)]):
+            found.append(_vertex(correlation, k))
+        rest[(k + np.arange(-apart, apart + 1)) % len(rest)] = -np.inf
+        if not np.isfinite(rest.max()):
+            break
+    return np.radians(np.asarray(found) * 360.0 / len(correlation))
+
+
+def radon(points: Array, weights: Array, directions: Array, cell: float) -> Array:
+    """
+    Radon image: for each direction (D,) [rad] how much wall lies at each offset along it.
+
+    The origin of the offsets is the points' weighted mean; shape (D, offsets of edge `cell` [m]).
+    """
+    centred = points - np.average(points, axis=0, weights=weights)
+    reach = np.hypot(*centred.T).max() + cell
+    size = int(np.ceil(2.0 * reach / cell)) + 1
+    axes = np.column_stack([np.cos(directions), np.sin(directions)])
+    place = (axes @ centred.T + reach) / cell
+    low = place.astype(np.intp)
+    part = place - low
+    row = np.arange(len(directions))[:, None] * size
+    total = len(directions) * size
+    image = np.bincount((row + low).ravel(), (weights * (1.0 - part)).ravel(), total + 1)
+    image += np.bincount((row + low + 1).ravel(), (weights * part).ravel(), total + 1)
+    return image[:total].reshape(len(directions), size)
+
+
+def spectrum(image: Array) -> Array:
+    """Sharpness of each projection, (D,): long walls seen edge-on make high peaks (5), (6)."""
+    return (image ** 2).sum(axis=1)
+
+
+def tune(coarse: Array, target: Array, source: Array) -> Array:
+    """
+    Move orientations (N,) [rad] to where the Radon spectra agree best nearby (7), (8).
+
+    The spectra span half a turn at `FINE` steps per degree.
+    """
+    agreement = correlate(target, source)
+    count = len(agreement)
+    reach = np.arange(-round(TUNING * FINE), round(TUNING * FINE) + 1)
+    tuned = []
+    for angle in coarse:
+        near = (round(np.degrees(angle) * FINE) + reach) % count
+        # A mild pull keeps the histogram's word where the walls have no sharp direction.
+        score = agreement[near] - 0.02 * (reach / FINE) ** 2 / TUNING ** 2
+        k = int(score.argmax())
+        shift = _vertex(agreement, int(near[k])) - near[k] + reach[k]
+        tuned.append(np.radians((round(np.degrees(angle) * FINE) + shift) / FINE))
+    return np.asarray(tuned)
+
+
+def directions() -> Array:
+    """Directions [rad] of the Radon images: half a turn."""
+    return np.radians(np.arange(180 * FINE) / FINE)
+
+
+def families(angles: Array, apart: float = np.radians(3.0)) -> Array:
+    """Angles modulo a quarter turn [rad] without repeats, best first: four hypotheses each."""
+    quarter, kept = np.pi / 2.0, []
+    for angle in angles % quarter:
+        off = [abs((angle - other + quarter / 2.0) % quarter - quarter / 2.0) for other in kept]
+        if not off or min(off) > apart:
+            kept.append(float(angle))
+    return np.asarray(kept)
+
+
+def _vertex(values: NDArray[np.float64], k: int) -> float:
+    """Place of the maximum of the parabola through bins k - 1, k, k + 1 of a circular array."""
+    before, here, after = values[k - 1], values[k], values[(k + 1) % len(values)]
+    bend = before - 2.0 * here + after
+    return k + (0.5 * (before - after) / bend if bend < 0 else 0.0)

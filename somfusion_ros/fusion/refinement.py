@@ -1,0 +1,62 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Sub-cell refinement of a hypothesis, with its covariance.
+
+Clusters average the cells of a piece of wall and so lie on it to a fraction of a cell. Both maps'
+clusters are pulled onto the lines through the other's, point to line, both ways, so that neither
+map is preferred; a robust weight keeps what has moved or bent from pulling.
+"""
+
+import numpy as np
+
+from somfusion_ros.fusion.features import Map, match
+from somfusion_ros.geometry import Array, inverse
+
+REACHES = (0.4, 0.3, 0.2, 0.2, 0.15, 0.15)     # furthest match in each step [m]
+ANGLE = np.radians(15.0)
+SCALE = 0.05      # distance at which a match has lost half of its pull [m]
+SHARED = 4.0      # neighbouring clusters err alike: this many count as one measurement
+
+
+def refine(pose: Array, target: Map, source: Map) -> tuple[Array, Array]:
+    """
+    Refine T_target_source (3,); return it with its covariance (3, 3) [m, m, rad].
+
+    Directions that no wall fixes keep a large variance.
+    """
+    pose = np.array(pose, dtype=float)
+    for reach in REACHES:
+        J, off, weight = _residuals(pose, target, source, reach)
+        pull = weight / (1.0 + (off / SCALE) ** 2)
+        H = (J * pull[:, None]).T @ J + np.diag([0.05, 0.05, 0.2])
+        pose = pose + np.linalg.solve(H, (J * pull[:, None]).T @ off)
+    J, off, weight = _residuals(pose, target, source, REACHES[-1])
+    pull = (weight > 0) / (1.0 + (off / SCALE) ** 2)
+    noise = max(float((pull * off ** 2).sum() / max(pull.sum(), 1.0)),
+                target.resolution ** 2 / 12.0)
+    H = (J * pull[:, None]).T @ J / (noise * SHARED) + np.diag([1.0, 1.0, 10.0]) * 0.1
+    return pose, np.linalg.inv(H)
+
+
+def _residuals(pose: Array, target: Map, source: Map,
+               reach: float) -> tuple[Array, Array, Array]:
+    """Jacobian (M, 3) in (x, y, theta) of the pose, wanted moves (M,) and weights (M,)."""
+    rows = []
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    R = np.array([[c, -s], [s, c]])
+    for seen, by, forth in ((source, target, True), (target, source, False)):
+        way = pose if forth else inverse(pose)
+        at, other, agrees = match(way[None], seen.features, by.features, by.nearest, ANGLE, 0.5)
+        near, line = by.features.centres[other[0]], by.features.norms[other[0]]
+        off = ((near - at[0]) * line).sum(1)
+        # The line of the other map, brought to the target's frame, and the point that turns.
+        norm = line if forth else -line @ R.T
+        turning = seen.features.centres if forth else near
+        arm = turning @ R.T
+        J = np.column_stack([norm, arm[:, 0] * norm[:, 1] - arm[:, 1] * norm[:, 0]])
+        weight = agrees[0] * (np.abs(off) < reach) * np.minimum(
+            seen.features.weights * seen.features.straight,
+            (by.features.weights * by.features.straight)[other[0]])
+        rows.append((J, off, weight))
+    return tuple(np.concatenate(part) for part in zip(*rows))

@@ -1,0 +1,82 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Segmentation of a map's occupied cells (Algorithm 1, equations (1)-(3)).
+
+`grow` is the algorithm as published: circles of radius r around start cells, next starts in the
+ring of width 1 at the rim of the circle, or of width delta_r where that is empty. On walls drawn
+without holes wider than r its segments are the connected components of the graph that links
+cells at most r apart, which `segment` finds at once.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+Cells = NDArray[np.intp]
+
+
+def segment(cells: Cells, shape: tuple[int, int], radius: float) -> NDArray[np.intp]:
+    """
+    Label cells so that cells at most `radius` apart share a label.
+
+    Parameters
+    ----------
+    cells : (N, 2) distinct (row, column) of occupied cells of a grid of `shape`
+    radius : r of Algorithm 1 [cells]
+
+    Returns
+    -------
+    (N,) labels 0..S-1, numbered by the first cell of each segment
+    """
+    count = len(cells)
+    if count == 0:
+        return np.empty(0, np.intp)
+    margin = int(radius)
+    width = shape[1] + 2 * margin
+    number = np.zeros((shape[0] + 2 * margin) * width, np.int32)   # 0: no wall, else cell + 1
+    flat = (cells[:, 0] + margin) * width + cells[:, 1] + margin
+    number[flat] = np.arange(1, count + 1)
+    here, there = [], []
+    for row, column in _half_disc(radius):
+        other = number[flat + row * width + column]
+        linked = np.flatnonzero(other)
+        here.append(linked)
+        there.append(other[linked] - 1)
+    rows, columns = np.concatenate(here), np.concatenate(there)
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.intp)
+
+
+def grow(cells: Cells, radius: float, delta_radius: float) -> NDArray[np.intp]:
+    """
+    Algorithm 1 as published, cell by cell: labels (N,) of cells (N, 2).
+
+    The reference that `segment` is held to, and the segmentation of method `paper`.
+    """
+    labels = np.full(len(cells), -1, np.intp)
+    for label in range(len(cells)):
+        rest = np.flatnonzero(labels < 0)
+        if len(rest) == 0:
+            break
+        starts, seen = [int(rest[0])], {int(rest[0])}
+        while starts:
+            start = starts.pop()
+            distance = np.hypot(*(cells - cells[start]).T)
+            open_cells = (labels < 0) | (labels == label)
+            labels[open_cells & (distance <= radius)] = label           # (1)
+            ring = open_cells & (distance <= radius) & (distance > radius - 1)          # (2)
+            if not ring.any():
+                ring = open_cells & (distance <= radius) & (distance > radius - delta_radius)  # (3)
+            fresh = set(np.flatnonzero(ring).tolist()) - seen
+            seen |= fresh
+            starts.extend(sorted(fresh))
+    return labels
+
+
+def _half_disc(radius: float) -> list[tuple[int, int]]:
+    """Offsets (row, column) of a disc without its centre, one of each opposite two."""
+    reach = range(-int(radius), int(radius) + 1)
+    return [(r, c) for r in reach for c in reach
+            if (r, c) > (0, 0) and r * r + c * c <= radius * radius]
