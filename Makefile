@@ -3,6 +3,7 @@
 
 PYTHON ?= python3
 BAGS ?=
+DEMO_OPTIONS ?=
 OUTPUT ?= output/demo
 TESTS ?= test
 
@@ -27,7 +28,7 @@ SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.package
-	@$(BIN)/python -m somfusion_ros.tools.demo --output $(OUTPUT) $(BAGS)
+	@$(BIN)/python -m somfusion_ros.tools.demo --output $(OUTPUT) $(DEMO_OPTIONS) $(BAGS)
 
 test: $(VENV)/.package
 	ROS_PYTHON_CHECK_FIELDS=1 $(BIN)/python -m pytest $(TESTS)
