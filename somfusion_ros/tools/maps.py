@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-import yaml
-
 from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.tools.pgm import read_image, write_pgm
+import yaml
 
 WALL_SHADE, FREE_SHADE, UNKNOWN_SHADE = 0, 254, 205
 OCCUPIED_THRESHOLD = 0.65

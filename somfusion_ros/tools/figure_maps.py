@@ -1,0 +1,114 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of single maps: the map, its segments, its clusters with norms, its Radon image."""
+
+from matplotlib.axes import Axes
+import numpy as np
+
+from somfusion_ros.geometry import Array
+from somfusion_ros.tools.figure_data import COLOURS, map_picture, PairData, Picture
+
+SIDES = ('target', 'source')
+RADON_STEP = 0.1   # [m] of an offset in the trace's Radon image
+
+
+def show(axes: Axes, picture: Picture, title: str) -> None:
+    """Show a picture of a map with metres along its sides."""
+    image, extent = picture
+    axes.imshow(image, extent=extent, origin='lower', interpolation='antialiased')
+    metric(axes, title)
+
+
+def metric(axes: Axes, title: str) -> None:
+    """Set up axes in metres."""
+    axes.set_title(title)
+    axes.set_aspect('equal')
+    axes.set_xlabel('x [m]')
+    axes.set_ylabel('y [m]')
+
+
+def label(data: PairData, side: int) -> str:
+    """Name a map."""
+    return f'{(data.target, data.source)[side]} ({SIDES[side]})'
+
+
+def draw_map(axes: Axes, data: PairData, side: int) -> None:
+    """Draw a map as it came."""
+    show(axes, map_picture(data.grids[side]), f'Map of {label(data, side)}')
+    path = data.paths[side]
+    if len(path):
+        axes.plot(path[:, 0], path[:, 1], color=COLOURS[side], linewidth=1.0)
+        axes.plot(*path[0, :2], 'o', color=COLOURS[side], markersize=4)
+
+
+def draw_segments(axes: Axes, data: PairData, side: int) -> None:
+    """Draw the segments of Algorithm 1 in colours that differ between neighbours."""
+    segments = _map_trace(data, side).segments
+    show(axes, map_picture(data.grids[side], '#D8DCE0'), '')
+    palette = _palette(len(segments))
+    order = np.random.default_rng(1).permutation(len(segments))   # spreads the colours
+    for points, k in zip(segments, order):
+        axes.plot(points[:, 0], points[:, 1], 's', color=palette[k], markersize=1.3,
+                  markeredgewidth=0)
+    axes.set_title(f'{len(segments)} segments of {label(data, side)}')
+
+
+def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
+    """Draw the neurons of the SOM and their point norms (Fig. 4)."""
+    found = _map_trace(data, side)
+    show(axes, map_picture(data.grids[side], '#C4CAD0'), '')
+    known = np.hypot(*found.norms.T) > 0.5 if len(found.norms) else np.zeros(0, bool)
+    axes.plot(found.clusters[~known, 0], found.clusters[~known, 1], '.', color='#7A828A',
+              markersize=2)
+    at, norms = found.clusters[known], found.norms[known]
+    axes.quiver(at[:, 0], at[:, 1], norms[:, 0], norms[:, 1], color=COLOURS[side],
+                angles='xy', scale_units='xy', scale=2.2, width=0.0022, headwidth=4)
+    axes.plot(at[:, 0], at[:, 1], '.', color='black', markersize=1.8)
+    axes.set_title(f'{len(found.clusters)} clusters of {label(data, side)}')
+
+
+def draw_radon(axes: Axes, data: PairData, side: int) -> None:
+    """Draw the Radon image (5)-(8), how sharp it is per direction, and the sharpest of them."""
+    found = _map_trace(data, side)
+    image = np.asarray(found.radon, dtype=float)
+    directions = np.degrees(found.radon_directions)
+    used = np.flatnonzero(image.any(0))
+    low, high = (used[0], used[-1] + 1) if len(used) else (0, image.shape[1])
+    reach = 0.5 * (high - low) * RADON_STEP
+    extent = (directions[0], directions[-1], -reach, reach)
+    axes.imshow(np.sqrt(np.maximum(image[:, low:high].T, 0.0)), aspect='auto', origin='lower',
+                cmap='magma', extent=extent, interpolation='antialiased')
+    sharpness = np.asarray(found.radon_sharpness, dtype=float)
+    span = max(float(np.ptp(sharpness)), 1e-12)
+    axes.plot(directions, (-0.98 + 0.45 * (sharpness - sharpness.min()) / span) * reach,
+              color='#56B4E9', linewidth=1.2, label='sharpness')
+    for number, k in enumerate(sharpest(sharpness)):
+        axes.axvline(directions[k], color='white', linewidth=0.9, linestyle='--',
+                     label=None if number else 'peaks')
+    axes.legend(loc='upper right', labelcolor='white', facecolor='black')
+    axes.set_title(f'Radon image of {label(data, side)}')
+    axes.set_xlabel('direction [deg]')
+    axes.set_ylabel('offset [m]')
+
+
+def sharpest(sharpness: Array, count: int = 2, apart: float = 30.0) -> list[int]:
+    """Indices of the highest values over half a turn, at least `apart` [deg] from each other."""
+    rest, found = np.array(sharpness, dtype=float), []
+    index = np.arange(len(rest))
+    while len(found) < count and np.isfinite(rest).any() and np.nanmax(rest) > 0.0:
+        k = int(np.nanargmax(rest))
+        found.append(k)
+        away = np.abs(index - k) * 180.0 / len(rest)
+        rest[np.minimum(away, 180.0 - away) < apart] = np.nan
+    return found
+
+
+def _map_trace(data: PairData, side: int) -> object:
+    """Return what was learned of one map."""
+    return (data.trace.target, data.trace.source)[side]
+
+
+def _palette(count: int) -> np.ndarray:
+    """Colours (count, 3) that are far apart in hue."""
+    import matplotlib
+    return matplotlib.colormaps['turbo'](np.linspace(0.03, 0.97, max(count, 1)))[:, :3] * 0.92

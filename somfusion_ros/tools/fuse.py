@@ -1,0 +1,90 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""All maps of a team in, one world out: what the commands replay and merge have in common."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from somfusion_ros.config import FusionConfig
+from somfusion_ros.fusion.alignment import align, Alignment, Trace, trace
+from somfusion_ros.fusion.global_map import merge_grids
+from somfusion_ros.fusion.team import Edge, Solution, solve
+from somfusion_ros.geometry import between, Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.tools.agreement import verification_index
+from somfusion_ros.tools.console import progress_bar
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """The verdict on one pair of maps, and how it came about where that was asked for."""
+
+    target: str
+    source: str
+    alignment: Alignment
+    trace: Trace | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Fusion:
+    """
+    The team's maps in one world.
+
+    world holds T_world_map of the largest connected group, unconnected the other names; V [%]
+    of all its overlapping maps, None where it is one map alone.
+    """
+
+    pairs: list[Pair]
+    solution: Solution
+    world: dict[str, Pose]
+    unconnected: list[str]
+    global_map: Grid
+    verification_index: float | None
+
+
+def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, seed: int = 0,
+         traced: bool = True) -> Fusion:
+    """
+    Align every pair of maps, solve the team's graph, and sum the maps of its largest group.
+
+    Parameters
+    ----------
+    grids : map by robot
+    config : parameters of the merge
+    seed : of the random numbers, the same for every pair: a pair's result does not depend on
+        the other pairs
+    traced : keep the intermediate products of every pair, for the report
+    """
+    pairs = []
+    names = sorted(grids, key=list(grids).index)
+    with progress_bar('aligning', len(names) * (len(names) - 1) // 2, 'pair') as bar:
+        for target, source in combinations(names, 2):
+            pairs.append(_align(grids, target, source, config, seed, traced))
+            bar.update()
+    edges = [Edge(p.target, p.source, p.alignment.T_target_source, p.alignment.covariance,
+                  p.alignment.probability) for p in pairs if p.alignment.accepted]
+    solution = solve(names, edges)
+    world = dict(solution.groups[0])
+    return Fusion(pairs, solution, world, [n for n in names if n not in world],
+                  merge_grids(grids, world), _whole_index(grids, world))
+
+
+def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,
+           seed: int, traced: bool) -> Pair:
+    """Align one pair."""
+    maps = grids[target], grids[source]
+    alignment = align(*maps, config, np.random.default_rng(seed))
+    if not traced:
+        return Pair(target, source, alignment)
+    found = trace(*maps, config, np.random.default_rng(seed))
+    return Pair(target, source, alignment, replace(found, alignment=alignment))
+
+
+def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose]) -> float | None:
+    """V [%] (12) over all pairs of maps in the world that overlap."""
+    pairs = [(grids[a], grids[b], Pose.from_array(between(world[a], world[b])))
+             for a, b in combinations(sorted(world), 2)]
+    return verification_index(pairs) if pairs else None

@@ -1,0 +1,147 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`somfusion report`: the paper's figures for a result, on one page and one by one."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from somfusion_ros.config import FusionConfig
+from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.tools import figure_maps, figure_pair
+from somfusion_ros.tools.console import progress_bar, say
+from somfusion_ros.tools.figure_data import PairData
+from somfusion_ros.tools.figure_team import draw_team
+from somfusion_ros.tools.figure_verdict import draw_verdict
+from somfusion_ros.tools.maps import MapError
+from somfusion_ros.tools.result import pose_of, read_evidence, read_result
+from somfusion_ros.tools.trajectories import read_tum
+
+if TYPE_CHECKING:
+    from somfusion_ros.fusion.alignment import Trace
+
+Panel = Callable[[Axes, PairData], None]
+STYLE = {'font.size': 9, 'axes.titlesize': 10, 'axes.titleweight': 'bold', 'axes.labelsize': 8,
+         'xtick.labelsize': 8, 'ytick.labelsize': 8, 'legend.fontsize': 8,
+         'axes.spines.top': False, 'axes.spines.right': False, 'legend.frameon': True,
+         'legend.framealpha': 0.85, 'legend.edgecolor': 'none', 'figure.dpi': 130}
+PANEL = 4.4   # [inch]
+
+
+def both(draw: Callable[[Axes, PairData, int], None]) -> list[Panel]:
+    """Make the panels of target and source of a figure that shows one map."""
+    return [partial(draw, side=0), partial(draw, side=1)]
+
+
+FIGURES: dict[str, list[Panel]] = {
+    'maps': both(figure_maps.draw_map),
+    'fused': [figure_pair.draw_fused],
+    'trajectories': [figure_pair.draw_paths],
+    'segments': both(figure_maps.draw_segments),
+    'agreement': [figure_pair.draw_agreement],
+    'runner_up': [figure_pair.draw_runner_up],
+    'clusters': both(figure_maps.draw_clusters),
+    'radon': both(figure_maps.draw_radon),
+    'orientation': [figure_pair.draw_histograms, figure_pair.draw_correlation],
+    'performance': [figure_pair.draw_performance],
+    'verdict': [draw_verdict],
+}
+
+
+def report(folder: str | Path) -> Path:
+    """Draw the report of a folder that replay or merge wrote; MapError where it holds none."""
+    from somfusion_ros.fusion.alignment import trace
+    folder = Path(folder)
+    record = read_result(folder)
+    config = FusionConfig(method=record.get('method', 'som'))
+    grids = {name: read_evidence(folder / name) for name in record['robots']}
+    traces = {}
+    with progress_bar('aligning', len(record['pairs']), 'pair') as bar:
+        for pair in record['pairs']:
+            names = pair['target'], pair['source']
+            rng = np.random.default_rng(record.get('seed', 0))
+            traces[names] = trace(*(grids[name] for name in names), config, rng)
+            bar.update()
+    path = draw_report(folder, traces)
+    say(f'report: {path}')
+    return path
+
+
+def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path:
+    """
+    Draw DIR/report.png, DIR/figures/*.png and, for more pairs, DIR/figures/<pair>/*.png.
+
+    The page shows the most probable pair; the team's map stands beside in figures/team.png.
+    """
+    record = read_result(folder)
+    grids = {name: read_evidence(folder / name) for name in record['robots']}
+    paths = {name: _path(folder / name) for name in grids}
+    world = {name: pose_of(pose) for name, pose in record['transforms'].items()}
+    figures = folder / 'figures'
+    figures.mkdir(exist_ok=True)
+    ranked = sorted(traces, key=lambda names: -traces[names].alignment.probability)
+    with matplotlib.rc_context(STYLE), \
+            progress_bar('drawing', 1 + (len(FIGURES) + 1) * len(ranked), 'figure') as bar:
+        _draw_team_figure(figures / 'team.png', grids, world, paths)
+        bar.update()
+        for place, names in enumerate(ranked):
+            data = PairData(*names, (grids[names[0]], grids[names[1]]), traces[names],
+                            (paths[names[0]], paths[names[1]]))
+            _draw_pair(folder if place == 0 else figures / '_'.join(names), data, place == 0,
+                       bar.update)
+    return folder / 'report.png' if ranked else figures / 'team.png'
+
+
+def _draw_pair(folder: Path, data: PairData, first: bool, done: Callable[[], object]) -> None:
+    """Draw the page and the single figures of one pair."""
+    singles = folder / 'figures' if first else folder
+    singles.mkdir(parents=True, exist_ok=True)
+    _page(data).savefig(folder / 'report.png')
+    done()
+    for name, panels in FIGURES.items():
+        figure = Figure(figsize=(1.35 * PANEL * len(panels), 1.25 * PANEL), layout='constrained')
+        for axes, draw in zip(np.ravel(figure.subplots(1, len(panels))), panels):
+            draw(axes, data)
+        figure.savefig(singles / f'{name}.png')
+        done()
+
+
+def _page(data: PairData) -> Figure:
+    """Draw all panels of a pair on one page, four in a row."""
+    panels = [panel for row in FIGURES.values() for panel in row]
+    rows = -(-len(panels) // 4)
+    figure = Figure(figsize=(4 * PANEL, 0.92 * rows * PANEL), layout='constrained')
+    found = data.trace.alignment
+    figure.suptitle(f'{data.target} and {data.source}: '
+                    f'{"accepted" if found.accepted else "refused"}, probability '
+                    f'{found.probability:.3f}, V {found.verification_index:.1f} %',
+                    fontsize=14, fontweight='bold')
+    for axes, draw in zip(figure.subplots(rows, 4).ravel(), panels):
+        draw(axes, data)
+    return figure
+
+
+def _draw_team_figure(path: Path, grids: Mapping[str, Grid], world: Mapping[str, Pose],
+                      paths: Mapping[str, Array]) -> None:
+    """Draw the team's figure."""
+    figure = Figure(figsize=(2.0 * PANEL, 1.6 * PANEL), layout='constrained')
+    draw_team(figure.subplots(), grids, world, paths)
+    figure.savefig(path)
+
+
+def _path(folder: Path) -> Array:
+    """Trajectory (N, 3) of a robot, empty where there is none."""
+    path = folder / 'trajectory.tum'
+    if not path.exists():
+        return np.zeros((0, 3))
+    try:
+        return read_tum(path)[1]
+    except (OSError, ValueError) as error:
+        raise MapError(f'{path}: not a TUM trajectory ({" ".join(str(error).split())})') from error

@@ -1,0 +1,110 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The SLAM of one robot over its log, as fast as it goes."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import time
+from typing import Any
+
+import numpy as np
+
+from somfusion_ros.config import SlamConfig
+from somfusion_ros.geometry import Array, compose
+from somfusion_ros.grid import Grid
+from somfusion_ros.slam.motion import Odometry, OdometryBuffer
+from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.slam import Slam
+from somfusion_ros.tools.bags import BagError, Log
+
+LATE_ODOMETRY = 0.5   # [s] scans this much after the last odometry are reached by its twist
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRun:
+    """
+    What came out of one robot's log.
+
+    grid in the robot's map frame; stamps [s] and poses T_map_base of every scan (M,), (M, 3) and
+    of the kept views (N,), (N, 3); odometry (M, 3) at the scans; counters by name;
+    milliseconds per scan (M,); recorded and computing time [s].
+    """
+
+    log: Log
+    grid: Grid
+    stamps: Array
+    poses: Array
+    view_stamps: Array
+    views: Array
+    odometry: Array
+    counters: dict[str, int]
+    milliseconds: Array
+    recorded: float
+    seconds: float
+
+
+def run_robot(log: Log, config: SlamConfig | None = None,
+              progress: Callable[[int], Any] = lambda n: None) -> RobotRun:
+    """Run the SLAM over a log; progress is told the number of scans done since the last call."""
+    slam = Slam(config)
+    started, milliseconds, stamps, odometry = time.perf_counter(), [], [], []
+    counters = {'scans_without_odometry': 0}
+    for scan, odometry_then in paired(log, counters):
+        before = time.perf_counter()
+        slam.process(scan, odometry_then)
+        milliseconds.append(1e3 * (time.perf_counter() - before))
+        stamps.append(scan.stamp)
+        odometry.append(odometry_then.pose)
+        progress(1)
+    if not stamps:
+        raise BagError(f'{log.path}: no scan has odometry at its time')
+    while slam.work():
+        pass
+    grid = slam.grid()
+    seconds = time.perf_counter() - started
+    view_stamps, views = slam.views()
+    all_stamps, poses = slam.trajectory()
+    return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
+                    np.asarray(view_stamps), np.asarray(views),
+                    np.asarray(odometry, dtype=float).reshape(-1, 3),
+                    {**slam.counters, **counters, **log.counters}, np.asarray(milliseconds),
+                    log.duration, seconds)
+
+
+def paired(log: Log, counters: dict[str, int]) -> Iterator[tuple[Scan, Odometry]]:
+    """Yield every scan with the odometry at its stamp; count the scans that have none."""
+    buffer, waiting = OdometryBuffer(lambda name: _count(counters, name)), deque()
+    for record in log:
+        if isinstance(record, Scan):
+            waiting.append(record)
+        else:
+            buffer.add(record.stamp, record.pose, record.wheels)
+        while waiting and buffer.latest is not None and waiting[0].stamp < buffer.latest:
+            scan = waiting.popleft()
+            yield from _with(scan, buffer.at(scan.stamp), counters)
+    for scan in waiting:   # no odometry came after them
+        yield from _with(scan, _extrapolated(buffer, scan.stamp), counters)
+
+
+def _with(scan: Scan, odometry: Odometry | None,
+          counters: dict[str, int]) -> Iterator[tuple[Scan, Odometry]]:
+    """Yield the pair if there is odometry, else count."""
+    if odometry is None:
+        _count(counters, 'scans_without_odometry')
+    else:
+        yield scan, odometry
+
+
+def _extrapolated(buffer: OdometryBuffer, stamp: float) -> Odometry | None:
+    """Odometry a little after the last sample, at constant twist; None if that is too late."""
+    last = None if buffer.latest is None else buffer.at(buffer.latest)
+    if last is None or not 0.0 <= stamp - last.stamp <= LATE_ODOMETRY:
+        return None
+    step = np.asarray(last.twist) * (stamp - last.stamp)
+    return Odometry(stamp, compose(last.pose, step), last.twist, last.wheels)
+
+
+def _count(counters: dict[str, int], name: str) -> None:
+    """Count one more."""
+    counters[name] = counters.get(name, 0) + 1
