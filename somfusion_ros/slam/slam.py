@@ -19,6 +19,8 @@ from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Cloud, Scan, cloud
 from somfusion_ros.slam.tracking import Track, Tracker
 
+LOST_TRAVEL = 4.0  # a lost robot keeps matching against its last views for so many views' travel
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -152,8 +154,9 @@ class Slam:
         if not self._clouds:
             return len(seen) > 0
         x, y, theta = track.T_view_base
-        return bool(np.hypot(x, y) >= self.config.minimum_travel_distance
-                    or abs(theta) >= self.config.minimum_travel_heading)
+        share = LOST_TRAVEL if self._tracker.lost else 1.0
+        return bool(np.hypot(x, y) >= share * self.config.minimum_travel_distance
+                    or abs(theta) >= share * self.config.minimum_travel_heading)
 
     def _add_view(self, stamp: float, seen: Cloud, track: Track) -> None:
         """Let the filter keep the current pose, and match against it from now on."""

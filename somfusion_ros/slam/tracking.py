@@ -8,7 +8,7 @@ kept as a small filter of its own, relative to the last view, and every scan cos
 however long the robot has driven.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -27,8 +27,8 @@ BETTER = 0.08            # share of points by which another match must win
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
 STALL = np.array([1.0, 0.35, 1.0])        # sigmas along [m], across [m], heading [rad]
 IMPLAUSIBLE = 0.4                         # share of the score that an implausible pose loses
-DOUBTFUL_SIGMA = (0.2, 0.2, 0.1)          # [m] [m] [rad] added to a doubtful match
-MIN_POINTS = 20
+SAME = (0.15, 0.06)                       # [m] [rad] within which two matches are one
+LOST_SIGMA = (0.3, 0.15, 0.3)             # [m] [m] [rad] added where no match is clear
 LOOSE = 4.0              # times the odometry's sigmas, for the hold on a match
 
 
@@ -60,11 +60,10 @@ def plausibility(poses: Array, expected: tuple[Array, ...]) -> Array:
     return 1.0 - IMPLAUSIBLE * (1.0 - likelihood)
 
 
-def uncertain(match: Match) -> Match:
-    """Weaken a match of which much stays unexplained, so that later loops may correct it."""
-    floor = np.diag(DOUBTFUL_SIGMA) ** 2
-    information = match.information @ np.linalg.inv(np.eye(3) + floor @ match.information)
-    return replace(match, information=0.5 * (information + information.T))
+def _near(a: Match, b: Match) -> bool:
+    """Tell whether two matches found the same pose."""
+    d = between(a.T_map_scan, b.T_map_scan)
+    return bool(np.hypot(d[0], d[1]) < SAME[0] and abs(d[2]) < SAME[1])
 
 
 class Tracker:
@@ -76,7 +75,8 @@ class Tracker:
         self._map: LocalMap | None = None
         self._odometry: Odometry | None = None
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
-        self._before, self._velocity, self._dt = np.zeros(3), np.zeros(3), 0.0
+        self._velocity, self._dt = np.zeros(3), 0.0
+        self.lost = False
 
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
@@ -85,18 +85,21 @@ class Tracker:
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
         """Predict to the scan's odometry, then correct by matching the scan."""
-        self._before = self.T_view_base
+        before = self.T_view_base
         reason = self._predict(odometry)
-        if self._map is None or len(self._map) < MIN_POINTS or len(scan) < MIN_POINTS:
-            return Track(self.T_view_base, self.P, False, 0.0, reason or 'too_few_points')
-        match = self._match(scan, doubtful=bool(reason))
-        matched = match.inlier_ratio >= self._config.minimum_inlier_ratio
-        if matched:
-            self._correct(match)
-        if self._dt > 0.0:
-            self._velocity = between(self._before, self.T_view_base) / self._dt
-        return Track(self.T_view_base, self.P, matched, match.inlier_ratio,
-                     reason or ('' if matched else 'match_rejected'))
+        matched, ratio = False, 0.0
+        if self._map is not None:
+            match, clear = self._match(scan, before, bool(reason) or self.lost)
+            ratio, matched = match.inlier_ratio, clear
+            self.lost = not clear
+            if matched:
+                self._correct(match)
+            else:
+                self.P = self.P + np.diag(LOST_SIGMA) ** 2
+                reason = reason or 'match_rejected'
+        if self._dt > 0.0 and not self.lost:
+            self._velocity = between(before, self.T_view_base) / self._dt
+        return Track(self.T_view_base, self.P, matched, ratio, reason)
 
     def _predict(self, odometry: Odometry) -> str:
         """Compose the odometry's increment (section II-A); return what is wrong with it."""
@@ -114,24 +117,37 @@ class Tracker:
         self.P = F @ self.P @ F.T + G @ Q @ G.T
         return reason
 
-    def _match(self, scan: Cloud, doubtful: bool) -> Match:
-        """Match from the prediction; where that is doubtful, search the whole neighbourhood."""
+    def _match(self, scan: Cloud, before: Array, doubtful: bool) -> tuple[Match, bool]:
+        """
+        Match from the prediction; where that is doubtful, search the whole neighbourhood.
+
+        Returns the best match and whether it is clear: it explains enough of the scan, and what
+        explains as much lies at the same pose.
+        """
         seed = self.T_view_base
         hold = np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3)))
         match = register(scan, self._map, seed, hold)
         if (not doubtful and match.inlier_ratio >= self._config.doubtful_inlier_ratio
                 and self._disagreement(match) < DOUBT):
-            return match
-        coasted = compose(self._before, self._velocity * self._dt)
+            return match, True
+        coasted = compose(before, self._velocity * self._dt)
         plausible = partial(plausibility, expected=(seed, coasted))
-        others = [register(scan, self._map, coasted),
-                  refine(scan, self._map,
-                         search(scan, self._map, seed, *SEARCH, prior=plausible).pose)]
-        best = max([match, *others],
-                   key=lambda m: m.inlier_ratio * plausible(m.T_map_scan[None])[0])
-        if best.inlier_ratio > match.inlier_ratio + BETTER:
-            match = best
-        return uncertain(match) if match.inlier_ratio < self._config.doubtful_inlier_ratio else match
+        peak = search(scan, self._map, seed, *SEARCH, prior=plausible)
+        matches = [match, register(scan, self._map, coasted),
+                   refine(scan, self._map, peak.pose)]
+        best = max(matches, key=lambda m: m.inlier_ratio * plausible(m.T_map_scan[None])[0])
+        if best.inlier_ratio < match.inlier_ratio + BETTER:
+            best = match
+        return best, self._is_clear(best, matches)
+
+    def _is_clear(self, best: Match, matches: list[Match]) -> bool:
+        """Tell whether the best of several matches can be relied upon."""
+        if best.inlier_ratio < self._config.minimum_inlier_ratio:
+            return False
+        alike = all(_near(best, m) for m in matches
+                    if m.inlier_ratio > best.inlier_ratio - BETTER)
+        fits = best.inlier_ratio >= self._config.doubtful_inlier_ratio
+        return alike and (fits or (not self.lost and self._disagreement(best) < DOUBT))
 
     def _disagreement(self, match: Match) -> float:
         """Squared Mahalanobis distance between match and prediction."""
