@@ -36,6 +36,8 @@ class Team:
         self._known = dict(known_poses or {})
         self._heard: dict[tuple[str, str], tuple[Pose, float]] = {}
         self._sighted: dict[str, Pose] = {}
+        self._solved = Solution((), {})
+        self._solved_for: tuple[set[str], dict[tuple[str, str], Pose]] | None = None
 
     def update_map(self, robot: str, grid: Grid) -> bool:
         """
@@ -59,22 +61,26 @@ class Team:
             self._sighted.pop(peer, None)
         self._heard = {key: value for key, value in self._heard.items() if robot not in key}
 
-    def due(self) -> list[str]:
-        """Peers whose map should be matched with the robot's own, the longest untried first."""
+    def peers(self) -> list[str]:
+        """Robots whose map can be matched with the robot's own, the least tried first."""
         if self.name not in self.grids or self._known:
             return []
-        peers = [peer for peer in sorted(self.grids) if peer != self.name and self._pair(
-            peer).due(*self.maps(peer), self.minimum_change)]
-        return sorted(peers, key=lambda peer: self._pair(peer).attempts)
+        return sorted(set(self.grids) - {self.name},
+                      key=lambda peer: (self._pair(peer).attempts, peer))
+
+    def is_due(self, peer: str, now: float) -> bool:
+        """Tell whether the map of a peer, or the robot's own, changed enough for a new match."""
+        return self._pair(peer).due(*self.maps(peer), now, self.minimum_change)
 
     def maps(self, peer: str) -> tuple[Grid, Grid]:
         """Target and source of a pair: the map of the first name is the target, on every robot."""
         first, second = sorted((self.name, peer))
         return self.grids[first], self.grids[second]
 
-    def record(self, peer: str, alignment: Alignment, target: Grid, source: Grid) -> str:
+    def record(self, peer: str, alignment: Alignment, target: Grid, source: Grid,
+               now: float) -> str:
         """Take in the verdict on the pair with a peer; tell in one word what became of it."""
-        return self._pair(peer).record(alignment, target, source)
+        return self._pair(peer).record(alignment, target, source, now)
 
     def receive(self, owner: str, peer: str, T_owner_peer: Pose, now: float) -> None:
         """Take in what a peer accepted about its own and another robot's map."""
@@ -104,12 +110,14 @@ class Team:
         """Place every robot's map."""
         if self._known:
             return _solution_of_known(self._known, {self.name, *self.grids})
-        edges = [Edge(self.name, peer, pose, WIRE_COVARIANCE)
-                 for peer, pose in self.own_transforms().items()]
-        edges += [Edge(target, source, pose, WIRE_COVARIANCE)
-                  for (target, source), (pose, _) in self._heard.items()]
-        robots = {self.name, *self.grids, *(e.target for e in edges), *(e.source for e in edges)}
-        return solve(robots, edges)
+        poses = {(self.name, peer): pose for peer, pose in self.own_transforms().items()}
+        poses |= {pair: pose for pair, (pose, _) in self._heard.items()}
+        robots = {self.name, *self.grids, *(robot for pair in poses for robot in pair)}
+        if (robots, poses) != self._solved_for:
+            self._solved = solve(robots, [Edge(*pair, pose, WIRE_COVARIANCE)
+                                          for pair, pose in poses.items()])
+            self._solved_for = (robots, poses)
+        return self._solved
 
     def reset(self) -> None:
         """Forget all verdicts; maps stay."""

@@ -20,7 +20,10 @@ SAME_HEADING = np.radians(5.0)     # [rad]
 DOUBT_RATIO = 0.5                  # clearly better: at most this share of the doubt is left,
 DOUBT_FLOOR = 1e-3                 # or less doubt than can be told apart
 CONFIRMATIONS = 2                  # times in a row before another pose replaces the one that holds
+LIKELY = 0.5                       # a refusal at this probability is no clear one
 REFUSALS = 4                       # clear refusals in a row that withdraw a verdict
+ANY_CHANGE_AFTER = 20.0            # [s] after which small changes of a map count as well
+LEAST_CHANGE = 0.002               # share of the walls that is no change at all
 WALL_TOLERANCE = 1                 # cells that a wall may move without being a change
 
 
@@ -34,24 +37,33 @@ class Pair:
         self._rivals: list[Alignment] = []
         self._refusals = 0
         self._matched: tuple[Grid, Grid] | None = None
+        self._matched_at = 0.0
 
-    def due(self, target: Grid, source: Grid, minimum_change: float) -> bool:
-        """Tell whether one of the maps changed enough since they were last matched."""
+    def due(self, target: Grid, source: Grid, now: float, minimum_change: float) -> bool:
+        """
+        Tell whether one of the maps changed enough since they were last matched.
+
+        After a while any change is enough, so that the last word is on the last maps.
+        """
         if self._matched is None:
             return True
-        return any(old is not new and change(old, new) >= minimum_change
+        if all(old is new for old, new in zip(self._matched, (target, source))):
+            return False
+        enough = minimum_change if now - self._matched_at < ANY_CHANGE_AFTER else 0.0
+        return any(change(old, new) >= max(enough, LEAST_CHANGE)
                    for old, new in zip(self._matched, (target, source)))
 
-    def record(self, alignment: Alignment, target: Grid, source: Grid) -> str:
-        """Take a verdict in; tell in one word what became of it."""
-        self.last, self._matched = alignment, (target, source)
+    def record(self, alignment: Alignment, target: Grid, source: Grid, now: float) -> str:
+        """Take a verdict, given at a time [s], in; tell in one word what became of it."""
+        self.last, self._matched, self._matched_at = alignment, (target, source), now
         self.attempts += 1
         if self.held is None:
             return self._hold(alignment, 'accepted') if alignment.accepted else 'refused'
-        if self._same(alignment, source):
-            return self._hold(alignment, 'updated') if alignment.accepted else 'kept'
+        same = self._same(alignment, source)
         if not alignment.accepted:
-            return self._doubt(alignment)
+            return 'kept' if same and alignment.probability >= LIKELY else self._doubt()
+        if same:
+            return self._hold(alignment, 'updated')
         return self._challenge(alignment, source)
 
     def _hold(self, alignment: Alignment, word: str) -> str:
@@ -59,8 +71,8 @@ class Pair:
         self.held, self._rivals, self._refusals = alignment, [], 0
         return word
 
-    def _doubt(self, alignment: Alignment) -> str:
-        """Count a refusal at another pose; several in a row withdraw the verdict that holds."""
+    def _doubt(self) -> str:
+        """Count a clear refusal; several in a row withdraw the verdict that holds."""
         self._rivals = []
         self._refusals += 1
         if self._refusals < REFUSALS:

@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
 from nav_msgs.srv import GetMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState, LaserScan
@@ -94,10 +95,12 @@ class SlamNode(Node):
                             callback_group=MutuallyExclusiveCallbackGroup())
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_service(GetMap, 'dynamic_map', self._dynamic_map)
-        self.create_timer(TICK, self._tick)
-        self.create_timer(REPORT_PERIOD, self._report)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)   # a paused simulation must not stop it
+        self.create_timer(TICK, self._tick, clock=steady)
+        self.create_timer(REPORT_PERIOD, self._report, clock=steady)
         if self._config.transform_publish_period > 0:
-            self.create_timer(self._config.transform_publish_period, self._send_transform)
+            self.create_timer(self._config.transform_publish_period, self._send_transform,
+                              clock=steady)
 
     def _on_scan(self, message: LaserScan) -> None:
         """Let a scan wait for its odometry, and process what need not wait any more."""

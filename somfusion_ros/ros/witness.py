@@ -73,7 +73,8 @@ class WitnessNode(Node):
         record = self._status['robots'][robot]
         if record['first_pose'] is None:
             pose = pose_from_message(message.pose.pose)
-            record['first_pose'] = {'stamp': seconds(message.header.stamp), 'pose': list(pose)}
+            record['first_pose'] = {'stamp': seconds(message.header.stamp), 'pose': list(pose),
+                                    'first': time.time() - self._started}
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Keep the newest status of every name."""

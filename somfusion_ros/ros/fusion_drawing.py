@@ -1,0 +1,94 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a fusion node shows of what it learned and decided: clusters, markers, diagnostics."""
+
+from collections.abc import Mapping
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Point
+import numpy as np
+from numpy.typing import NDArray
+from somfusion_ros.fusion.features import Map
+from somfusion_ros.geometry import Array
+from somfusion_ros.ros.diagnostics import status
+from somfusion_ros.ros.fusion_session import Snapshot
+from somfusion_ros.ros.peers import Heard
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+NORM_LENGTH = 0.3                  # [m] of a norm's arrow
+GOLDEN_ANGLE = 2.399963            # [rad] between the hues of two segments
+WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+YELLOW = ColorRGBA(r=1.0, g=0.9, b=0.2, a=1.0)
+
+
+def cluster_rows(learned: Map) -> NDArray[np.float32]:
+    """Rows (K, 7) of conversions.CLUSTER_FIELDS, one per SOM neuron."""
+    c = learned.clusters
+    return np.column_stack([c.centres, np.zeros(len(c)), c.norms, c.segments,
+                            c.weights]).astype(np.float32)
+
+
+def team_markers(learned: Map, frame: str, stamp: Time) -> MarkerArray:
+    """Segments in colour, surfaces between adjacent clusters, and point norms."""
+    header, c = Header(frame_id=frame, stamp=stamp), learned.clusters
+    segments = _marker(header, 'segments', Marker.POINTS, learned.cells, WHITE)
+    segments.colors = [_hue(int(s)) for s in learned.segments]
+    surfaces = _marker(header, 'surfaces', Marker.LINE_LIST, c.centres[c.edges].reshape(-1, 2),
+                       WHITE)
+    tips = c.centres + NORM_LENGTH * c.norms
+    norms = _marker(header, 'norms', Marker.LINE_LIST,
+                    np.stack([c.centres, tips], 1).reshape(-1, 2), YELLOW)
+    return MarkerArray(markers=[segments, surfaces, norms])
+
+
+def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],
+                    faults: Mapping[str, int], now: float,
+                    timeout: float) -> list[DiagnosticStatus]:
+    """One status of the node, and one per peer."""
+    world = snapshot.world(robot)
+    values = {'peers': len(heard) - 1, 'connected': ', '.join(sorted(world)) or 'nobody',
+              'dropped': '; '.join(d.reason for d in snapshot.solution.dropped), **faults}
+    silent = '' if heard[robot].maps else "the robot's own map has not come yet"
+    return [status(node, robot, values, silent)] + [
+        _peer_status(node, peer, snapshot, heard[peer], peer in world, now, timeout)
+        for peer in sorted(heard) if peer != robot]
+
+
+def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connected: bool,
+                 now: float, timeout: float) -> DiagnosticStatus:
+    """Tell how it stands with one peer."""
+    values = {'map_age_s': now - heard.map_at, 'maps': heard.maps,
+              'bytes_received': heard.map_bytes, 'connected': connected}
+    verdict, warning = snapshot.verdicts.get(peer), ''
+    if verdict is not None:
+        rival = verdict.runner_up.probability if verdict.runner_up else 0.0
+        values |= {'overlap': verdict.overlap, 'V': verdict.verification_index,
+                   'J': verdict.performance_index[-1] if verdict.performance_index else 0.0,
+                   'probability': verdict.probability, 'runner_up': rival,
+                   'verdict': snapshot.words.get(peer, ''), 'reason': verdict.reason,
+                   'ms_per_attempt': 1e3 * sum(verdict.seconds.values())}
+    if not heard.maps:
+        warning = f'{peer} has not sent a map'
+    elif values['map_age_s'] > timeout:
+        warning = f'{peer} has been silent for {values["map_age_s"]:.0f} s'
+    elif not connected:
+        warning = verdict.reason if verdict is not None else f'{peer} is not matched yet'
+    return status(f'{node}: {peer}', peer, values, warning)
+
+
+def _marker(header: Header, name: str, kind: int, points: Array, color: ColorRGBA) -> Marker:
+    """Make one marker of points (N, 2)."""
+    marker = Marker(header=header, ns=name, type=kind, action=Marker.ADD, color=color)
+    marker.pose.orientation.w = 1.0
+    marker.scale.x = marker.scale.y = 0.03
+    marker.points = [Point(x=float(x), y=float(y)) for x, y in points]
+    return marker
+
+
+def _hue(segment: int) -> ColorRGBA:
+    """Colour of a segment, unlike those of its neighbours in number."""
+    phase = GOLDEN_ANGLE * segment + np.array([0.0, 2.0, 4.0]) * np.pi / 3.0
+    r, g, b = (float(v) for v in 0.55 + 0.45 * np.cos(phase))
+    return ColorRGBA(r=r, g=g, b=b, a=1.0)

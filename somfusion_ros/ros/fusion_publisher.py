@@ -1,0 +1,77 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Everything a fusion node publishes, and the names of the frames it does so in."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, TransformStamped
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import PointCloud2
+from somfusion_ros.config import FusionNodeConfig
+from somfusion_ros.fusion.features import Map
+from somfusion_ros.geometry import compose, Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.ros import conversions as convert
+from somfusion_ros.ros import qos
+from somfusion_ros.ros.diagnostics import diagnostic_array
+from somfusion_ros.ros.fusion_drawing import cluster_rows, team_markers
+from somfusion_ros.ros.fusion_session import Snapshot
+from somfusion_ros.ros.peers import Heard
+from somfusion_ros.ros.tf import make_transforms
+from visualization_msgs.msg import MarkerArray
+
+
+class FusionPublisher:
+    """The publishers of one robot's fusion node."""
+
+    def __init__(self, node: Any, robot: str, config: FusionNodeConfig) -> None:
+        self._node, self._robot, self._config = node, robot, config
+        self._transforms = make_transforms(node, Pose())
+        self._map = node.create_publisher(OccupancyGrid, config.merged_map_topic, qos.LATCHED)
+        self._relative = node.create_publisher(TransformStamped, 'relative_transforms',
+                                               qos.LATCHED_PER_PAIR)
+        self._poses = node.create_publisher(PoseArray, 'peer_poses', qos.STREAM)
+        self._clusters = node.create_publisher(PointCloud2, 'clusters', qos.LATCHED)
+        self._markers = node.create_publisher(MarkerArray, 'markers', qos.LATEST)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.STREAM)
+
+    def frame(self, robot: str) -> str:
+        """Name of a robot's map frame in this robot's tree."""
+        own = self._config.map_frame
+        return own if robot == self._robot else f'{robot}/{own.rpartition("/")[2]}'
+
+    def global_map(self, grid: Grid) -> None:
+        """Publish the global map."""
+        self._map.publish(convert.grid_message(grid, self._config.world_frame, self._now()))
+
+    def transforms(self, snapshot: Snapshot, heard: Mapping[str, Heard]) -> None:
+        """Repeat what is accepted, as messages and on TF, and where the robots are."""
+        stamp, world = self._now(), snapshot.world(self._robot)
+        for peer, pose in snapshot.own_transforms.items():
+            self._relative.publish(convert.transform_message(
+                pose, self.frame(self._robot), self.frame(peer), stamp))
+        self._transforms.send([convert.transform_message(
+            pose, self._config.world_frame, self.frame(robot), stamp)
+            for robot, pose in world.items()])
+        poses = [Pose.from_array(compose(world[robot], heard[robot].poses[-1][1]))
+                 for robot in sorted(world) if robot in heard and heard[robot].poses]
+        if poses:
+            self._poses.publish(convert.pose_array(poses, self._config.world_frame, stamp))
+
+    def learned(self, learned: Map) -> None:
+        """Publish the clusters of the robot's own map, and markers where somebody looks."""
+        stamp, frame = self._now(), self.frame(self._robot)
+        self._clusters.publish(convert.cluster_cloud(cluster_rows(learned), frame, stamp))
+        if self._markers.get_subscription_count():
+            self._markers.publish(team_markers(learned, frame, stamp))
+
+    def diagnostics(self, statuses: Iterable[DiagnosticStatus]) -> None:
+        """Publish statuses."""
+        self._diagnostics.publish(diagnostic_array(self._now(), list(statuses)))
+
+    def _now(self) -> Time:
+        """Give the node's time."""
+        return self._node.get_clock().now().to_msg()
