@@ -85,7 +85,7 @@ def why_not(status: Mapping[str, Any], robots: list[str]) -> str:
         elif not joined(status, [robot]):
             missing.append(f'{robot} published no global map')
     words = [f'{name}: {record["message"]}' for name, record in status['diagnostics'].items()
-             if record['message'] != 'ok']
+             if record['message'] != 'ok' and 'fusion_node' in name]
     return '; '.join([*(missing or ['not every robot was joined with every other']), *words])
 
 

@@ -22,7 +22,8 @@ class Row:
     One relative transform as one robot published it.
 
     T_target_source; reference or None; after: when it was first published [s after the first
-    pose]; V [%] and probability as text of the robot's diagnostics, '' where it says nothing.
+    pose]; V [%], probability and milliseconds of the last attempt as text of the robot's
+    diagnostics, '' where it says nothing.
     """
 
     target: str
@@ -32,6 +33,7 @@ class Row:
     after: float
     verification_index: str
     probability: str
+    milliseconds: str
 
     @property
     def error(self) -> tuple[float, float] | None:
@@ -51,7 +53,7 @@ class Row:
                 'transform': pose_record(self.T_target_source),
                 'reference': pose_record(self.reference), 'error': self.error,
                 'after': self.after, 'verification_index': self.verification_index,
-                'probability': self.probability}
+                'probability': self.probability, 'milliseconds': self.milliseconds}
 
 
 def compare(status: Mapping[str, Any], reference: References | None) -> list[Row]:
@@ -64,21 +66,23 @@ def compare(status: Mapping[str, Any], reference: References | None) -> list[Row
             said = pair_diagnostics(status, robot, peer)
             rows.append(Row(robot, peer, Pose.from_array(transform['pose']),
                             _reference(reference, robot, peer), transform['first'] - begin,
-                            said.get('verification_index', ''), said.get('probability', '')))
+                            said.get('V', ''), said.get('probability', ''),
+                            said.get('ms_per_attempt', '')))
     return rows
 
 
 def table(rows: Sequence[Row], reference_name: str) -> list[str]:
     """Lay the rows out: each transform above its reference."""
     head = ('map of -> map of', 'x [m]', 'y [m]', 'theta [deg]', 'error [m]', '[deg]', 'V [%]',
-            'probability', 'after [s]')
+            'probability', 'match [ms]', 'after [s]')
     cells = [head]
     for row in rows:
         error = ('', '') if row.error is None else tuple(f'{e:.3f}' for e in row.error)
         cells.append((f'{row.target} -> {row.source}', *_pose_cells(row.T_target_source), *error,
-                      row.verification_index, row.probability, f'{row.after:.1f}'))
+                      row.verification_index, row.probability, row.milliseconds,
+                      f'{row.after:.1f}'))
         if row.reference is not None:
-            cells.append((f'  {reference_name}', *_pose_cells(row.reference), *5 * ('',)))
+            cells.append((f'  {reference_name}', *_pose_cells(row.reference), *6 * ('',)))
     widths = [max(len(line[i]) for line in cells) for i in range(len(head))]
     return ['  '.join(c.ljust(w) if i == 0 else c.rjust(w)
                       for i, (c, w) in enumerate(zip(line, widths))).rstrip() for line in cells]
@@ -87,10 +91,12 @@ def table(rows: Sequence[Row], reference_name: str) -> list[str]:
 def robot_lines(status: Mapping[str, Any], logs: Mapping[str, Log]) -> Iterator[str]:
     """Say what each robot published."""
     for robot, record in status['robots'].items():
-        maps = record['maps']
-        own, whole = maps['map'], maps['global_map']
-        yield (f'{robot}: {logs[robot].scan_count} scans; {_map_text("map", own)}; '
-               f'{_map_text("global map", whole)}')
+        maps, said = record['maps'], status['diagnostics'].get(f'{robot}/slam_node', {})
+        values = said.get('values', {})
+        yield (f'{robot}: {values.get("scans", "?")} of {logs[robot].scan_count} scans, '
+               f'{values.get("ms_per_scan", "?")} ms for the last one, '
+               f'{values.get("loops_accepted", "0")} loops closed; '
+               f'{_map_text("map", maps["map"])}; {_map_text("global map", maps["global_map"])}')
 
 
 def pair_diagnostics(status: Mapping[str, Any], robot: str, peer: str) -> dict[str, str]:
@@ -114,8 +120,7 @@ def _reference(reference: References | None, target: str, source: str) -> Pose |
 
 def _map_text(kind: str, record: Mapping[str, Any]) -> str:
     """Say how often a map was published and how large it is."""
-    return (f'{kind} published {record["count"]} times, last {record["width"]} x '
-            f'{record["height"]} cells in {record["frame"]}')
+    return f'{record["count"]} times a {kind}, last {record["width"]} x {record["height"]} cells'
 
 
 def _pose_cells(pose: Pose) -> tuple[str, str, str]:
