@@ -1,8 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where two placed maps say the same and where they contradict each other, (11) and (12)."""
-
-from collections.abc import Iterable
+"""Where two placed maps say the same and where they contradict each other (11)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +32,6 @@ def compare(target: Grid, source: Grid, T_target_source: Pose) -> NDArray[np.int
     conflict = np.where(is_wall, free[i, j], wall[i, j]) & ~agree
     verdict[rows, columns] = np.where(agree, AGREE, np.where(conflict, CONFLICT, NEITHER))
     return verdict
-
-
-def verification_index(pairs: Iterable[tuple[Grid, Grid, Pose]]) -> float | None:
-    """V = agr / (agr + dis) [%] (12), summed over target, source, T_target_source."""
-    agree = conflict = 0
-    for target, source, T_target_source in pairs:
-        verdict = compare(target, source, T_target_source)
-        agree += int((verdict == AGREE).sum())
-        conflict += int((verdict == CONFLICT).sum())
-    return 100.0 * agree / (agree + conflict) if agree + conflict else None
 
 
 def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

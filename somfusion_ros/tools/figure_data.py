@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the figures are drawn from, and maps as pictures."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TYPE_CHECKING
 
 import cv2
 from matplotlib.colors import to_rgb
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # Okabe and Ito's colours, which colour-blind readers tell apart, too.
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9')
 BOTH, FREE, UNKNOWN, WALL = '#222222', '#EEF1F4', '#FFFFFF', '#222222'
-AGREEMENT, CONFLICT = '#009E73', '#D0021B'
+AGREEMENT, AGREEMENT_PALE, CONFLICT, ONE = '#009E73', '#D5EFE6', '#D0021B', '#9AA3AB'
 FINEST = 900   # cells along a side beyond which walls are drawn a cell wider
 
 Extent = tuple[float, float, float, float]
@@ -40,6 +40,13 @@ class PairData:
     grids: tuple[Grid, Grid]
     trace: 'Trace'
     paths: tuple[Array, Array]
+    _pictures: dict[str, Any] = field(default_factory=dict)
+
+    def picture(self, name: str, make: Callable[[], 'Picture']) -> 'Picture':
+        """Make a picture once; the page and the single figures show the same ones."""
+        if name not in self._pictures:
+            self._pictures[name] = make()
+        return self._pictures[name]
 
     @property
     def pose(self) -> Pose | None:
@@ -79,13 +86,21 @@ def raster(extent: Extent, resolution: float) -> tuple[Array, tuple[int, int], E
                                       bottom, bottom + height * resolution)
 
 
-def look_up(grid: Grid, pose: Pose, centres: Array, mask: NDArray) -> NDArray:
-    """Values (N,) of a mask (H, W) of a placed map at points (N, 2); 0 outside."""
-    cells = grid.point_to_cell(apply(inverse(pose), centres))
-    inside = ((cells >= 0) & (cells < grid.shape)).all(1)
-    values = np.zeros(len(centres), mask.dtype)
-    values[inside] = mask[tuple(cells[inside].T)]
-    return values
+class Sampler:
+    """Looks up masks of a placed map at the cells of a raster."""
+
+    def __init__(self, grid: Grid, pose: Pose, centres: Array, shape: tuple[int, int]) -> None:
+        """Find the map's cell under every raster centre (N, 2) [m]; T_world_map is the pose."""
+        cells = grid.point_to_cell(apply(inverse(pose), centres))
+        self._inside = ((cells >= 0) & (cells < grid.shape)).all(1)
+        self._cells = tuple(cells[self._inside].T)
+        self._shape = shape
+
+    def __call__(self, mask: NDArray) -> NDArray:
+        """Give the values of a mask (H, W) of the map on the raster; 0 outside."""
+        values = np.zeros(len(self._inside), mask.dtype)
+        values[self._inside] = mask[self._cells]
+        return values.reshape(self._shape)
 
 
 def map_picture(grid: Grid, colour: str = WALL) -> Picture:
@@ -99,12 +114,13 @@ def overlay_picture(placed: Sequence[tuple[Grid, Pose, str]]) -> Picture:
     extent = bounds(grids, poses)
     resolution = min(grid.resolution for grid in grids)
     centres, shape, extent = raster(extent, resolution)
-    image = np.tile(np.array(to_rgb(UNKNOWN)), (*shape, 1))
+    image = np.tile(np.array(to_rgb(UNKNOWN), np.float32), (*shape, 1))
+    samplers = [Sampler(grid, pose, centres, shape) for grid, pose, _ in placed]
+    for grid, sample in zip(grids, samplers):
+        image[sample(grid.free)] = to_rgb(FREE)
     counts = np.zeros(shape, int)
-    for grid, pose, _ in placed:
-        image[look_up(grid, pose, centres, grid.free).reshape(shape)] = to_rgb(FREE)
-    for grid, pose, colour in placed:
-        wall = thick(look_up(grid, pose, centres, grid.occupied).reshape(shape))
+    for (grid, _, colour), sample in zip(placed, samplers):
+        wall = thick(sample(grid.occupied))
         image[wall] = to_rgb(colour)
         counts += wall
     image[counts > 1] = to_rgb(BOTH)
@@ -113,18 +129,20 @@ def overlay_picture(placed: Sequence[tuple[Grid, Pose, str]]) -> Picture:
 
 def agreement_picture(data: PairData, verdict: NDArray[np.int8]) -> Picture:
     """Picture of where source cells agree (1) or contradict (-1) the target's."""
-    target, source = data.grids
-    extent = bounds(data.grids, [Pose(), data.pose])
-    centres, shape, extent = raster(extent, min(target.resolution, source.resolution))
-    image = np.tile(np.array(to_rgb(UNKNOWN)), (*shape, 1))
-    sampled = look_up(source, data.pose, centres, verdict).reshape(shape)
-    walls = [thick(look_up(grid, pose, centres, grid.occupied).reshape(shape))
-             for grid, pose in zip(data.grids, (Pose(), data.pose))]
-    for grid, pose in zip(data.grids, (Pose(), data.pose)):
-        image[look_up(grid, pose, centres, grid.free).reshape(shape)] = to_rgb(FREE)
-    image[sampled > 0] = to_rgb('#D5EFE6')
-    image[walls[0] | walls[1]] = to_rgb('#9AA3AB')
-    image[(walls[0] | walls[1]) & (sampled > 0)] = to_rgb(AGREEMENT)
+    poses = (Pose(), data.pose)
+    centres, shape, extent = raster(bounds(data.grids, poses),
+                                    min(grid.resolution for grid in data.grids))
+    samplers = [Sampler(grid, pose, centres, shape) for grid, pose in zip(data.grids, poses)]
+    sampled = samplers[1](verdict)
+    free, wall = (
+        np.logical_or(*(sample(getattr(grid, kind)) for grid, sample in zip(data.grids, samplers)))
+        for kind in ('free', 'occupied'))
+    image = np.tile(np.array(to_rgb(UNKNOWN), np.float32), (*shape, 1))
+    image[free] = to_rgb(FREE)
+    image[free & (sampled > 0)] = to_rgb(AGREEMENT_PALE)
+    wall = thick(wall)
+    image[wall] = to_rgb(ONE)
+    image[wall & (sampled > 0)] = to_rgb(AGREEMENT)
     image[thick(sampled < 0)] = to_rgb(CONFLICT)
     return image, extent
 

@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of single maps: the map, its segments, its clusters with norms, its Radon image."""
 
+from collections.abc import Sequence
+
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 import numpy as np
 
 from somfusion_ros.geometry import Array
-from somfusion_ros.tools.figure_data import COLOURS, map_picture, PairData, Picture
+from somfusion_ros.tools.figure_data import COLOURS, map_picture, PairData, Picture, WALL
 
+PALE = '#CFD4D9'
 SIDES = ('target', 'source')
 RADON_STEP = 0.1   # [m] of an offset in the trace's Radon image
 
@@ -27,6 +31,19 @@ def metric(axes: Axes, title: str) -> None:
     axes.set_ylabel('y [m]')
 
 
+def picture(data: PairData, side: int, colour: str) -> Picture:
+    """Draw a map with walls in a colour, once."""
+    return data.picture(f'{side} {colour}', lambda: map_picture(data.grids[side], colour))
+
+
+def legend(axes: Axes, entries: Sequence[tuple[str, str]]) -> None:
+    """Explain colours above a map, where nothing is hidden."""
+    handles = [Line2D([], [], color=colour, linewidth=3) for _, colour in entries]
+    axes.legend(handles, [name for name, _ in entries], loc='lower center', ncols=len(entries),
+                bbox_to_anchor=(0.5, 1.0), borderaxespad=0.1, handlelength=1.0, frameon=False)
+    axes.set_title(axes.get_title(), pad=18)
+
+
 def label(data: PairData, side: int) -> str:
     """Name a map."""
     return f'{(data.target, data.source)[side]} ({SIDES[side]})'
@@ -34,7 +51,7 @@ def label(data: PairData, side: int) -> str:
 
 def draw_map(axes: Axes, data: PairData, side: int) -> None:
     """Draw a map as it came."""
-    show(axes, map_picture(data.grids[side]), f'Map of {label(data, side)}')
+    show(axes, picture(data, side, WALL), f'Map of {label(data, side)}')
     path = data.paths[side]
     if len(path):
         axes.plot(path[:, 0], path[:, 1], color=COLOURS[side], linewidth=1.0)
@@ -44,7 +61,7 @@ def draw_map(axes: Axes, data: PairData, side: int) -> None:
 def draw_segments(axes: Axes, data: PairData, side: int) -> None:
     """Draw the segments of Algorithm 1 in colours that differ between neighbours."""
     segments = _map_trace(data, side).segments
-    show(axes, map_picture(data.grids[side], '#D8DCE0'), '')
+    show(axes, picture(data, side, PALE), '')
     palette = _palette(len(segments))
     order = np.random.default_rng(1).permutation(len(segments))   # spreads the colours
     for points, k in zip(segments, order):
@@ -56,14 +73,16 @@ def draw_segments(axes: Axes, data: PairData, side: int) -> None:
 def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
     """Draw the neurons of the SOM and their point norms (Fig. 4)."""
     found = _map_trace(data, side)
-    show(axes, map_picture(data.grids[side], '#C4CAD0'), '')
+    show(axes, picture(data, side, PALE), '')
     known = np.hypot(*found.norms.T) > 0.5 if len(found.norms) else np.zeros(0, bool)
     axes.plot(found.clusters[~known, 0], found.clusters[~known, 1], '.', color='#7A828A',
               markersize=2)
     at, norms = found.clusters[known], found.norms[known]
+    length = 0.035 * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     axes.quiver(at[:, 0], at[:, 1], norms[:, 0], norms[:, 1], color=COLOURS[side],
-                angles='xy', scale_units='xy', scale=2.2, width=0.0022, headwidth=4)
-    axes.plot(at[:, 0], at[:, 1], '.', color='black', markersize=1.8)
+                angles='xy', scale_units='xy', scale=1.0 / length, width=0.0024, headwidth=4,
+                zorder=2)
+    axes.plot(at[:, 0], at[:, 1], '.', color='black', markersize=1.5, zorder=3)
     axes.set_title(f'{len(found.clusters)} clusters of {label(data, side)}')
 
 

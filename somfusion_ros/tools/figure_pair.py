@@ -3,28 +3,27 @@
 """Figures of a pair: norm histograms, correlation, J, both maps in one frame, the verdict."""
 
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from somfusion_ros.geometry import apply, Pose
 from somfusion_ros.tools.agreement import compare
 from somfusion_ros.tools.figure_data import (AGREEMENT, agreement_picture, BOTH, COLOURS,
-                                             CONFLICT, overlay_picture, PairData)
-from somfusion_ros.tools.figure_maps import show
+                                             CONFLICT, ONE, overlay_picture, PairData)
+from somfusion_ros.tools.figure_maps import legend, PALE, show
 
 
 def draw_histograms(axes: Axes, data: PairData) -> None:
     """Draw the histograms of surface norms of both maps."""
     degrees = np.arange(360)
-    for side, (name, found) in enumerate(((data.target, data.trace.target),
-                                          (data.source, data.trace.source))):
+    for side, found in enumerate((data.trace.target, data.trace.source)):
         heights = np.asarray(found.histogram, dtype=float)
         heights = heights / max(heights.sum(), 1e-12)
         axes.fill_between(degrees, heights, color=COLOURS[side], alpha=0.35, linewidth=0)
-        axes.plot(degrees, heights, color=COLOURS[side], linewidth=1.0, label=name)
+        axes.plot(degrees, heights, color=COLOURS[side], linewidth=1.0)
     axes.set_title('Histograms of surface norms')
     axes.set_ylabel('share of wall')
-    axes.legend(loc='upper right')
+    legend(axes, [(data.target, COLOURS[0]), (data.source, COLOURS[1])])
     _degrees(axes, 'direction of norm [deg]')
 
 
@@ -33,22 +32,19 @@ def draw_correlation(axes: Axes, data: PairData) -> None:
     correlation = np.asarray(data.trace.correlation, dtype=float)
     axes.plot(np.arange(len(correlation)) * 360.0 / len(correlation), correlation,
               color='#333333', linewidth=1.1)
-    _mark(axes, data.pose, COLOURS[2], '-', 'best')
     rival = data.trace.alignment.runner_up
-    _mark(axes, rival and rival.T_target_source, COLOURS[3], '--', 'runner-up')
+    marks = [(name, pose, colour) for name, pose, colour in (
+        ('best', data.pose, COLOURS[2]),
+        ('runner-up', rival and rival.T_target_source, COLOURS[3])) if pose is not None]
+    for name, pose, colour in marks:
+        axes.axvline(np.degrees(pose.theta) % 360.0, color=colour, linewidth=1.4,
+                     linestyle='-' if name == 'best' else '--')
     axes.set_title('Circular cross-correlation of the histograms')
     axes.set_ylabel('correlation')
-    if data.pose is not None:
-        axes.legend(loc='upper right')
+    if marks:
+        legend(axes, [(f'{name} {np.degrees(pose.theta) % 360.0:.1f} deg', colour)
+                      for name, pose, colour in marks])
     _degrees(axes, 'turn of the source [deg]')
-
-
-def _mark(axes: Axes, pose: Pose | None, colour: str, line: str, name: str) -> None:
-    """Mark the heading of a pose."""
-    if pose is not None:
-        turn = np.degrees(pose.theta) % 360.0
-        axes.axvline(turn, color=colour, linestyle=line, linewidth=1.4,
-                     label=f'{name}: {turn:.1f} deg')
 
 
 def _degrees(axes: Axes, name: str) -> None:
@@ -66,6 +62,7 @@ def draw_performance(axes: Axes, data: PairData) -> None:
     axes.set_xlabel('iteration')
     axes.set_ylabel('J')
     axes.set_ylim(bottom=0.0)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def draw_fused(axes: Axes, data: PairData) -> None:
@@ -86,8 +83,9 @@ def _overlay(axes: Axes, data: PairData, pose: Pose | None, title: str) -> None:
     if pose is None:
         return _nothing(axes, title, 'no pose found')
     target, source = data.grids
-    show(axes, overlay_picture([(target, Pose(), COLOURS[0]), (source, pose, COLOURS[1])]), title)
-    _legend(axes, [(data.target, COLOURS[0]), (data.source, COLOURS[1]), ('both', BOTH)])
+    show(axes, data.picture(f'pair {pose}', lambda: overlay_picture(
+        [(target, Pose(), COLOURS[0]), (source, pose, COLOURS[1])])), title)
+    legend(axes, [(data.target, COLOURS[0]), (data.source, COLOURS[1]), ('both', BOTH)])
 
 
 def draw_paths(axes: Axes, data: PairData) -> None:
@@ -95,31 +93,25 @@ def draw_paths(axes: Axes, data: PairData) -> None:
     if data.pose is None or not any(len(path) for path in data.paths):
         return _nothing(axes, 'Trajectories', 'no trajectories' if data.pose else 'no pose found')
     target, source = data.grids
-    show(axes, overlay_picture([(target, Pose(), '#B8BFC6'), (source, data.pose, '#B8BFC6')]),
-         'Trajectories')
+    show(axes, data.picture('pale pair', lambda: overlay_picture(
+        [(target, Pose(), PALE), (source, data.pose, PALE)])), 'Trajectories')
     for side, (path, pose) in enumerate(zip(data.paths, (Pose(), data.pose))):
         if len(path):
             points = apply(pose, path[:, :2])
             axes.plot(points[:, 0], points[:, 1], color=COLOURS[side], linewidth=1.3)
             axes.plot(*points[0], 'o', color=COLOURS[side], markersize=5)
-    _legend(axes, [(data.target, COLOURS[0]), (data.source, COLOURS[1])])
+    legend(axes, [(data.target, COLOURS[0]), (data.source, COLOURS[1])])
 
 
 def draw_agreement(axes: Axes, data: PairData) -> None:
     """Draw where the maps say the same and where they contradict each other."""
     if data.pose is None:
         return _nothing(axes, 'Agreement', 'no pose found')
-    verdict = compare(*data.grids, data.pose)
     V = data.trace.alignment.verification_index
-    show(axes, agreement_picture(data, verdict), f'Agreement, V = {V:.1f} %')
-    _legend(axes, [('agreement', AGREEMENT), ('conflict', CONFLICT),
-                   ('seen by one', '#9AA3AB')])
-
-
-def _legend(axes: Axes, entries: list[tuple[str, str]]) -> None:
-    """Explain colours."""
-    handles = [Line2D([], [], color=colour, linewidth=3) for _, colour in entries]
-    axes.legend(handles, [name for name, _ in entries], loc='best', handlelength=1.0)
+    show(axes, data.picture('agreement', lambda: agreement_picture(
+        data, compare(*data.grids, data.pose))), f'Agreement, V = {V:.1f} %')
+    legend(axes, [('agreement', AGREEMENT), ('conflict', CONFLICT),
+                  ('seen by one', ONE)])
 
 
 def _nothing(axes: Axes, title: str, text: str) -> None:

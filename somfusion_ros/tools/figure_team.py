@@ -5,12 +5,11 @@
 from collections.abc import Mapping
 
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 
 from somfusion_ros.geometry import apply, Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.tools.figure_data import BOTH, overlay_picture, team_colours
-from somfusion_ros.tools.figure_maps import show
+from somfusion_ros.tools.figure_maps import legend, show
 
 
 def draw_team(axes: Axes, grids: Mapping[str, Grid], world: Mapping[str, Pose],
@@ -25,5 +24,4 @@ def draw_team(axes: Axes, grids: Mapping[str, Grid], world: Mapping[str, Pose],
             axes.plot(points[:, 0], points[:, 1], color=colours[name], linewidth=1.0, alpha=0.8)
             axes.plot(*points[0], 'o', color=colours[name], markersize=5)
     entries = [(name, colours[name]) for name in world] + [('several', BOTH)] * (len(world) > 1)
-    axes.legend([Line2D([], [], color=colour, linewidth=3) for _, colour in entries],
-                [name for name, _ in entries], loc='best', handlelength=1.0)
+    legend(axes, entries)

@@ -9,12 +9,12 @@ from itertools import combinations
 import numpy as np
 
 from somfusion_ros.config import FusionConfig
-from somfusion_ros.fusion.alignment import align, Alignment, Trace, trace
+from somfusion_ros.fusion.alignment import align, Alignment, learn, Trace, trace
 from somfusion_ros.fusion.global_map import merge_grids
 from somfusion_ros.fusion.team import Edge, Solution, solve
+from somfusion_ros.fusion.verification import measure
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.tools.agreement import verification_index
 from somfusion_ros.tools.console import progress_bar
 
 
@@ -69,7 +69,7 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, seed: in
     solution = solve(names, edges)
     world = dict(solution.groups[0])
     return Fusion(pairs, solution, world, [n for n in names if n not in world],
-                  merge_grids(grids, world), _whole_index(grids, world))
+                  merge_grids(grids, world), _whole_index(grids, world, config))
 
 
 def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,
@@ -83,8 +83,15 @@ def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionCo
     return Pair(target, source, alignment, replace(found, alignment=alignment))
 
 
-def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose]) -> float | None:
-    """V [%] (12) over all pairs of maps in the world that overlap."""
-    pairs = [(grids[a], grids[b], Pose.from_array(between(world[a], world[b])))
-             for a, b in combinations(sorted(world), 2)]
-    return verification_index(pairs) if pairs else None
+def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose],
+                 config: FusionConfig | None) -> float | None:
+    """V [%] (12) of all pairs in the world, each weighed by the area in which they overlap."""
+    total = area = 0.0
+    for a, b in combinations(sorted(world), 2):
+        maps = learn(grids[a], config), learn(grids[b], config)
+        if all(len(one.features) for one in maps):
+            evidence = measure(between(world[a], world[b]), *maps)
+            shared = evidence.overlap * min(
+                grid.known.sum() * grid.resolution ** 2 for grid in (grids[a], grids[b]))
+            total, area = total + shared * evidence.V, area + shared
+    return 100.0 * total / area if area else None

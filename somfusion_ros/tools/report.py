@@ -33,6 +33,7 @@ STYLE = {'font.size': 9, 'axes.titlesize': 10, 'axes.titleweight': 'bold', 'axes
          'axes.spines.top': False, 'axes.spines.right': False, 'legend.frameon': True,
          'legend.framealpha': 0.85, 'legend.edgecolor': 'none', 'figure.dpi': 130}
 PANEL = 4.4   # [inch]
+PNG = {'compress_level': 4}
 
 
 def both(draw: Callable[[Axes, PairData, int], None]) -> list[Panel]:
@@ -103,13 +104,13 @@ def _draw_pair(folder: Path, data: PairData, first: bool, done: Callable[[], obj
     """Draw the page and the single figures of one pair."""
     singles = folder / 'figures' if first else folder
     singles.mkdir(parents=True, exist_ok=True)
-    _page(data).savefig(folder / 'report.png')
+    _page(data).savefig(folder / 'report.png', pil_kwargs=PNG)
     done()
     for name, panels in FIGURES.items():
         figure = Figure(figsize=(1.35 * PANEL * len(panels), 1.25 * PANEL), layout='constrained')
         for axes, draw in zip(np.ravel(figure.subplots(1, len(panels))), panels):
             draw(axes, data)
-        figure.savefig(singles / f'{name}.png')
+        figure.savefig(singles / f'{name}.png', pil_kwargs=PNG)
         done()
 
 
@@ -133,7 +134,7 @@ def _draw_team_figure(path: Path, grids: Mapping[str, Grid], world: Mapping[str,
     """Draw the team's figure."""
     figure = Figure(figsize=(2.0 * PANEL, 1.6 * PANEL), layout='constrained')
     draw_team(figure.subplots(), grids, world, paths)
-    figure.savefig(path)
+    figure.savefig(path, pil_kwargs=PNG)
 
 
 def _path(folder: Path) -> Array:
