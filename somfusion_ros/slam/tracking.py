@@ -28,7 +28,7 @@ JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
 STALL = np.array([1.0, 0.35, 1.0])        # sigmas along [m], across [m], heading [rad]
 IMPLAUSIBLE = 0.4                         # share of the score that an implausible pose loses
 SAME = (0.15, 0.06)                       # [m] [rad] within which two matches are one
-LOST_SIGMA = (0.3, 0.15, 0.3)             # [m] [m] [rad] added where no match is clear
+LOST_SIGMA = (0.5, 0.3, 0.5)              # [m] [m] [rad] added once the robot is lost
 LOOSE = 4.0              # times the odometry's sigmas, for the hold on a match
 
 
@@ -89,14 +89,12 @@ class Tracker:
         reason = self._predict(odometry)
         matched, ratio = False, 0.0
         if self._map is not None:
-            match, clear = self._match(scan, before, bool(reason) or self.lost)
-            ratio, matched = match.inlier_ratio, clear
-            self.lost = not clear
+            match, matched = self._match(scan, before, bool(reason))
+            ratio = match.inlier_ratio
             if matched:
                 self._correct(match)
             else:
-                self.P = self.P + np.diag(LOST_SIGMA) ** 2
-                reason = reason or 'match_rejected'
+                reason = reason or ('lost' if self.lost else 'match_rejected')
         if self._dt > 0.0 and not self.lost:
             self._velocity = between(before, self.T_view_base) / self._dt
         return Track(self.T_view_base, self.P, matched, ratio, reason)
@@ -117,16 +115,18 @@ class Tracker:
         self.P = F @ self.P @ F.T + G @ Q @ G.T
         return reason
 
-    def _match(self, scan: Cloud, before: Array, doubtful: bool) -> tuple[Match, bool]:
+    def _match(self, scan: Cloud, before: Array, jumped: bool) -> tuple[Match, bool]:
         """
         Match from the prediction; where that is doubtful, search the whole neighbourhood.
 
-        Returns the best match and whether it is clear: it explains enough of the scan, and what
-        explains as much lies at the same pose.
+        Returns the best match and whether to use it. A match near the prediction is used if it
+        explains enough of the scan. One that contradicts the odometry must explain most of it,
+        and nothing else as much; otherwise the robot is lost until one does.
         """
         seed = self.T_view_base
         hold = np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3)))
         match = register(scan, self._map, seed, hold)
+        doubtful = jumped or self.lost
         if (not doubtful and match.inlier_ratio >= self._config.doubtful_inlier_ratio
                 and self._disagreement(match) < DOUBT):
             return match, True
@@ -138,16 +138,18 @@ class Tracker:
         best = max(matches, key=lambda m: m.inlier_ratio * plausible(m.T_map_scan[None])[0])
         if best.inlier_ratio < match.inlier_ratio + BETTER:
             best = match
-        return best, self._is_clear(best, matches)
+        if not doubtful and self._disagreement(best) < DOUBT:
+            return best, best.inlier_ratio >= self._config.minimum_inlier_ratio
+        return best, self._found(best, matches)
 
-    def _is_clear(self, best: Match, matches: list[Match]) -> bool:
-        """Tell whether the best of several matches can be relied upon."""
-        if best.inlier_ratio < self._config.minimum_inlier_ratio:
-            return False
-        alike = all(_near(best, m) for m in matches
-                    if m.inlier_ratio > best.inlier_ratio - BETTER)
-        fits = best.inlier_ratio >= self._config.doubtful_inlier_ratio
-        return alike and (fits or (not self.lost and self._disagreement(best) < DOUBT))
+    def _found(self, best: Match, matches: list[Match]) -> bool:
+        """Tell whether a match is clear enough to overrule the odometry; else become lost."""
+        found = best.inlier_ratio >= self._config.doubtful_inlier_ratio and all(
+            _near(best, m) for m in matches if m.inlier_ratio > best.inlier_ratio - BETTER)
+        if not found and not self.lost:
+            self.P = self.P + np.diag(LOST_SIGMA) ** 2
+        self.lost = not found
+        return found
 
     def _disagreement(self, match: Match) -> float:
         """Squared Mahalanobis distance between match and prediction."""
