@@ -11,6 +11,7 @@ import pytest
 from somfusion_ros.geometry import apply, Array, between, compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.scan import Scan
+from somfusion_ros.tools.bag_writer import BagWriter
 from somfusion_ros.tools.processes import node_environment
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -147,3 +148,29 @@ def ros_environment(domain: int | None = None) -> dict[str, str]:
     return {**node_environment(domain),
             'PYTHONPATH': os.pathsep.join(p for p in paths if p),
             'ROS_PYTHON_CHECK_FIELDS': '1'}
+
+
+def write_fake_bag(folder: Path, walls: Array | None = None, waypoints: Array | None = None,
+                   storage: str = 'mcap', every: int = 1, start: float = 100.0,
+                   noise: float = 0.01) -> Array:
+    """
+    Write a bag of one robot in a room, as `BagWriter` does; return its true poses (N, 3).
+
+    The odometry begins at zero and drifts a little; every n-th pose gets a scan.
+    """
+    walls = fake_room() if walls is None else walls
+    if waypoints is None:
+        waypoints = np.array([(1.0, 1.0), (4.0, 1.2), (6.5, 2.6), (4.0, 3.2), (1.5, 4.5)])
+    stamps, poses = fake_trajectory(waypoints)
+    rng = np.random.default_rng(len(stamps))
+    odometry = fake_odometry(poses, (0.01, 0.01), rng)
+    mount = Pose(0.1, 0.0, 0.0)
+    with BagWriter(folder, storage) as bag:
+        bag.mount(start, mount)
+        for number, (stamp, pose, drifted) in enumerate(zip(stamps, poses, odometry)):
+            bag.odometry(start + stamp, drifted)
+            bag.wheels(start + stamp, (number, number))
+            if number % every == 0:
+                bag.scan(fake_scan(walls, pose, start + stamp, noise=noise, rng=rng,
+                                   T_base_laser=mount))
+    return poses

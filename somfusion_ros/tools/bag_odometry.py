@@ -65,7 +65,7 @@ class Encoders:
 
 
 def find_wheels(names: list[str]) -> tuple[int | None, int | None]:
-    """Indices of the left and the right wheel joint among joint names, or None."""
+    """Find the left and the right wheel joint among joint names, None where missing."""
     def find(side: str) -> int | None:
         candidates = [i for i, name in enumerate(names) if side in name.lower()]
         wheels = [i for i in candidates if 'wheel' in names[i].lower()]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags with scans, odometry, wheel encoders and the laser's mount, as rosbag2 writes them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,7 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.scan import Scan
 
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-TYPES = {'/scan': 'sensor_msgs/msg/LaserScan', '/odom': 'nav_msgs/msg/Odometry',
-         '/joint_states': 'sensor_msgs/msg/JointState', '/tf_static': 'tf2_msgs/msg/TFMessage'}
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 WHEELS = ['left_wheel_joint', 'right_wheel_joint']
 
 
@@ -40,17 +40,24 @@ class BagWriter:
 
     def mount(self, stamp: float, T_base_laser: Pose, height: float = 0.0) -> None:
         """Write tf_static: base -> laser."""
-        transform = self._make('geometry_msgs/msg/TransformStamped', self._header(
-            stamp, self._base_frame), self._laser_frame, self._make(
-                'geometry_msgs/msg/Transform',
-                self._make('geometry_msgs/msg/Vector3', *T_base_laser[:2], height),
-                self._quaternion(T_base_laser[2])))
-        self._write('/tf_static', stamp, [transform])
+        self.transform('/tf_static', stamp, self._base_frame, self._laser_frame,
+                       (*T_base_laser[:2], height), _quaternion(T_base_laser[2]))
 
-    def scan(self, scan: Scan, scan_time: float = 0.0) -> None:
+    def transform(self, topic: str, stamp: float, parent: str, child: str,
+                  translation: Sequence[float], quaternion: Sequence[float]) -> None:
+        """Write a transform, translation (3,) [m] and quaternion x y z w, to /tf or /tf_static."""
+        make = self._make
+        transform = make('geometry_msgs/msg/TransformStamped', self._header(stamp, parent), child,
+                         make('geometry_msgs/msg/Transform',
+                              make('geometry_msgs/msg/Vector3', *map(float, translation)),
+                              make('geometry_msgs/msg/Quaternion', *map(float, quaternion))))
+        self._write(topic, TRANSFORMS, stamp, [transform])
+
+    def scan(self, scan: Scan, scan_time: float = 0.0, topic: str = '/scan') -> None:
         """Write a laser scan."""
         ranges = np.asarray(scan.ranges, dtype=np.float32)
-        self._write('/scan', scan.stamp, self._header(scan.stamp, self._laser_frame),
+        self._write(topic, 'sensor_msgs/msg/LaserScan', scan.stamp,
+                    self._header(scan.stamp, self._laser_frame),
                     scan.angle_min, scan.angle_min + scan.angle_increment * (len(ranges) - 1),
                     scan.angle_increment, scan.time_increment, scan_time, scan.range_min,
                     scan.range_max, ranges, np.zeros(0, np.float32))
@@ -61,23 +68,23 @@ class BagWriter:
         vx, vy, turn = np.asarray(twist, dtype=float)
         make = self._make
         place = make('geometry_msgs/msg/Pose', make('geometry_msgs/msg/Point', x, y, 0.0),
-                     self._quaternion(theta))
+                     make('geometry_msgs/msg/Quaternion', *_quaternion(theta)))
         speed = make('geometry_msgs/msg/Twist', make('geometry_msgs/msg/Vector3', vx, vy, 0.0),
                      make('geometry_msgs/msg/Vector3', 0.0, 0.0, turn))
         unknown = np.zeros(36)
-        self._write('/odom', stamp, self._header(stamp, self._odom_frame), self._base_frame,
+        self._write('/odom', 'nav_msgs/msg/Odometry', stamp,
+                    self._header(stamp, self._odom_frame), self._base_frame,
                     make('geometry_msgs/msg/PoseWithCovariance', place, unknown),
                     make('geometry_msgs/msg/TwistWithCovariance', speed, unknown))
 
     def wheels(self, stamp: float, positions: ArrayLike) -> None:
         """Write the wheel encoders (2,) left, right [rad]."""
         nothing = np.zeros(0)
-        self._write('/joint_states', stamp, self._header(stamp, ''), WHEELS,
-                    np.asarray(positions, dtype=float), nothing, nothing)
+        self._write('/joint_states', 'sensor_msgs/msg/JointState', stamp,
+                    self._header(stamp, ''), WHEELS, np.asarray(positions, dtype=float), nothing, nothing)
 
-    def _write(self, topic: str, stamp: float, *fields: Any) -> None:
+    def _write(self, topic: str, msgtype: str, stamp: float, *fields: Any) -> None:
         """Serialise a message and write it."""
-        msgtype = TYPES[topic]
         if topic not in self._connections:
             qos = [_transient_local()] if topic == '/tf_static' else []
             self._connections[topic] = self._writer.add_connection(
@@ -95,10 +102,10 @@ class BagWriter:
         return self._make('std_msgs/msg/Header', self._make(
             'builtin_interfaces/msg/Time', seconds, nanoseconds), frame)
 
-    def _quaternion(self, theta: float) -> Any:
-        """Make the quaternion of a heading [rad]."""
-        return self._make('geometry_msgs/msg/Quaternion', 0.0, 0.0, float(np.sin(0.5 * theta)),
-                          float(np.cos(0.5 * theta)))
+
+def _quaternion(theta: float) -> tuple[float, float, float, float]:
+    """Quaternion x y z w of a heading [rad]."""
+    return 0.0, 0.0, float(np.sin(0.5 * theta)), float(np.cos(0.5 * theta))
 
 
 def _transient_local() -> Qos:

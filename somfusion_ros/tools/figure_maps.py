@@ -111,7 +111,7 @@ def draw_radon(axes: Axes, data: PairData, side: int) -> None:
 
 
 def sharpest(sharpness: Array, count: int = 2, apart: float = 30.0) -> list[int]:
-    """Indices of the highest values over half a turn, at least `apart` [deg] from each other."""
+    """Find the highest values over half a turn, at least `apart` [deg] from another."""
     rest, found = np.array(sharpness, dtype=float), []
     index = np.arange(len(rest))
     while len(found) < count and np.isfinite(rest).any() and np.nanmax(rest) > 0.0:
