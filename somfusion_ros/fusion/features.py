@@ -7,11 +7,12 @@ Records that the stages fill and read; no stage of its own.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from somfusion_ros.geometry import Array, Pose, apply, inverse, rotation
+from somfusion_ros.geometry import Array, inverse, Pose
 
 Index = NDArray[np.intp]
 SURE = 0.3      # sidedness from which the sign of a norm counts
@@ -49,22 +50,38 @@ class Clusters:
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Values (H, W) on cells of `resolution` [m] with the corner at T_frame_raster."""
+    """
+    Values (H, W) on cells of `resolution` [m] with the corner at T_frame_raster.
+
+    The outermost cells are set to `outside`, which then answers for every point beyond.
+    """
 
     values: NDArray
     resolution: float
     T_frame_raster: Pose
     outside: float
 
-    def at(self, points: Array) -> NDArray:
-        """Values (...) at points (..., 2) [m] of the map frame."""
-        shape = points.shape[:-1]
-        local = apply(inverse(self.T_frame_raster), points.reshape(-1, 2)) / self.resolution
-        cell = np.floor(local).astype(np.intp)
+    def __post_init__(self) -> None:
+        """Close the rim."""
+        self.values[[0, -1]] = self.outside
+        self.values[:, [0, -1]] = self.outside
+
+    def at(self, points: NDArray[np.float32]) -> NDArray:
+        """Values (...) at points (2, ...) [m] of the map frame."""
+        across, up, c, s = self._to_cells
+        x, y = points
         height, width = self.values.shape
-        inside = ((cell >= 0) & (cell < (width, height))).all(1)
-        flat = np.where(inside, cell[:, 1] * width + cell[:, 0], 0)
-        return np.where(inside, self.values.ravel()[flat], self.outside).reshape(shape)
+        column, row = (x * c, y * c) if s == 0.0 else (x * c - y * s, x * s + y * c)
+        # Truncation is enough: what it gets wrong below zero lies on the rim.
+        column = np.clip(column + across, 0, width - 1).astype(np.int32)
+        row = np.clip(row + up, 0, height - 1).astype(np.int32)
+        return self.values.ravel()[row * width + column]
+
+    @cached_property
+    def _to_cells(self) -> NDArray[np.float32]:
+        """Shift, cosine and sine that take map points to cells."""
+        x, y, theta = inverse(self.T_frame_raster)
+        return np.array([x, y, np.cos(theta), np.sin(theta)], np.float32) / self.resolution
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,31 +117,51 @@ class Map:
         return self.features.centres.mean(0)
 
 
-def place(poses: Array, points: Array) -> Array:
-    """Take points (K, 2) of the source into the target by each of poses (B, 3): (B, K, 2)."""
-    return points @ np.swapaxes(rotation(poses[:, 2]), 1, 2) + poses[:, None, :2]
+def place(poses: Array, points: Array) -> NDArray[np.float32]:
+    """Take points (K, 2) of the source into the target by each of poses (B, 3): (2, B, K)."""
+    x, y = points.astype(np.float32).T
+    shift = poses.astype(np.float32)
+    theta = poses[:, 2, None]
+    c, s = np.cos(theta).astype(np.float32), np.sin(theta).astype(np.float32)
+    placed = np.empty((2, len(poses), len(points)), np.float32)
+    np.add(c * x - s * y, shift[:, 0, None], out=placed[0])
+    np.add(s * x + c * y, shift[:, 1, None], out=placed[1])
+    return placed
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """
+    Source clusters placed by B poses, each with the nearest target cluster.
+
+    at (2, B, K) places [m]; other (B, K) index of the target cluster; norms (2, B, K) of that;
+    off (B, K) distance to its line [m], positive along its norm; agrees (B, K).
+    """
+
+    at: NDArray[np.float32]
+    other: NDArray[np.int32]
+    norms: NDArray[np.float32]
+    off: NDArray[np.float32]
+    agrees: NDArray[np.bool_]
 
 
 def match(poses: Array, source: Clusters, target: Clusters, nearest: Raster, angle: float,
-          reach: float) -> tuple[Array, Array, Array]:
+          reach: float) -> Matches:
     """
     Match source clusters, placed by poses (B, 3), with the nearest target clusters.
 
-    Two match if they lie within `reach` [m] and their norms within `angle` [rad]; norms are
+    Two agree if they lie within `reach` [m] and their norms within `angle` [rad]; norms are
     compared without sign where one of them does not know its free side.
-
-    Returns
-    -------
-    places (B, K, 2) [m] of the source clusters in the target, index (B, K) of the nearest target
-    cluster, and whether (B, K) they match
     """
     at = place(poses, source.centres)
     other = nearest.at(at)
     agrees = other >= 0
     other = np.where(agrees, other, 0)
-    turned = source.norms @ np.swapaxes(rotation(poses[:, 2]), 1, 2)
-    cosine = (turned * target.norms[other]).sum(-1)
-    sure = np.minimum(source.sided[None], target.sided[other]) > SURE
+    turn = np.column_stack([np.zeros((len(poses), 2)), poses[:, 2]])
+    mine, norms = place(turn, source.norms), target.norms.astype(np.float32).T[:, other]
+    cosine = mine[0] * norms[0] + mine[1] * norms[1]
+    sure = (source.sided > SURE) & (target.sided > SURE)[other]
     agrees &= np.where(sure, cosine, np.abs(cosine)) > np.cos(angle)
-    agrees &= ((at - target.centres[other]) ** 2).sum(-1) < reach ** 2
-    return at, other, agrees
+    away = target.centres.astype(np.float32).T[:, other] - at
+    agrees &= away[0] ** 2 + away[1] ** 2 < reach ** 2
+    return Matches(at, other, norms, away[0] * norms[0] + away[1] * norms[1], agrees)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from somfusion_ros.fusion.features import Raster
-from somfusion_ros.geometry import Array, apply, compose, inverse
+from somfusion_ros.geometry import apply, Array, compose, inverse
 from somfusion_ros.grid import Grid
 
 FREE = 0.5     # mean evidence from which a block of cells counts as free
@@ -30,7 +30,8 @@ def clearance(grid: Grid, walls: Array, cell: float) -> Raster:
     size = grid.resolution * factor
     mark = _mark(walls, grid, size, (height, width))
     distance = cv2.distanceTransform(mark, cv2.DIST_L2, 5) * np.float32(size)
-    return Raster(np.where(free | (mark == 0), distance, -distance), size, grid.T_frame_grid, -99.0)
+    signed = np.where(free | (mark == 0), distance, -distance)
+    return Raster(signed, size, grid.T_frame_grid, -99.0)
 
 
 def free_places(raster: Raster, count: int) -> Array:

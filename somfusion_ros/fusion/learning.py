@@ -14,8 +14,8 @@ from somfusion_ros.grid import Grid
 
 DUST = 4             # a segment of fewer cells is noise
 NORMED = 0.3         # agreement of the surfaces around a cluster from which it has a norm
-SKETCH = 250         # features that stand for a map where every hypothesis is looked at
-RADON = 400          # features that the Radon image is made of
+SKETCH = 160         # features that stand for a map where every hypothesis is looked at
+RADON = 300          # features that the Radon image is made of
 CELL = 0.1           # edge of the clearance raster's cells [m]
 FREE = 2000          # free places that stand for all free cells
 _learned: WeakKeyDictionary[Grid, dict[FusionConfig, Map]] = WeakKeyDictionary()

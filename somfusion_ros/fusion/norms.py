@@ -16,10 +16,11 @@ from somfusion_ros.grid import Grid
 
 Index = NDArray[np.intp]
 PROBES = (2, 3, 4, 5)   # cells from the wall at which its sides are looked at
+WALL_COUNTS = -0.2      # evidence that a wall beside the wall counts for, hardly less than unknown
 
 
 def surface_norms(centres: Array, edges: Index) -> tuple[Array, Array]:
-    """Unit norms (E, 2) of the surfaces between adjacent clusters, and lengths (E,) [m]."""
+    """Return unit norms (E, 2) of the surfaces between clusters, and their lengths (E,) [m]."""
     along = centres[edges[:, 1]] - centres[edges[:, 0]]
     length = np.hypot(*along.T)
     return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(length, 1e-9)[:, None], length
@@ -55,11 +56,12 @@ def free_side(grid: Grid, points: Array, norms: Array) -> tuple[Array, Array]:
     -------
     (N, 2) norms and (N,) 0..1, how much freer that side is than the other
     """
-    sides = [np.mean([np.maximum(_evidence(grid, points + sign * step * grid.resolution * norms),
-                                 -0.2) for step in PROBES], axis=0) for sign in (1.0, -1.0)]
-    difference = sides[0] - sides[1]
-    sign = np.where(difference < 0, -1.0, 1.0)
-    return norms * sign[:, None], np.clip(np.abs(difference), 0.0, 1.0)
+    steps = grid.resolution * np.array(PROBES + tuple(-probe for probe in PROBES))
+    probed = points + steps[:, None, None] * norms
+    evidence = _evidence(grid, probed.reshape(-1, 2)).reshape(2, len(PROBES), len(points))
+    ahead, behind = np.maximum(evidence, WALL_COUNTS).mean(1)
+    sign = np.where(ahead < behind, -1.0, 1.0)
+    return norms * sign[:, None], np.clip(np.abs(ahead - behind), 0.0, 1.0)
 
 
 def _evidence(grid: Grid, points: Array) -> Array:
@@ -67,5 +69,5 @@ def _evidence(grid: Grid, points: Array) -> Array:
     row, column = grid.point_to_cell(points).T
     height, width = grid.shape
     inside = (row >= 0) & (column >= 0) & (row < height) & (column < width)
-    return np.where(inside, grid.evidence[np.where(inside, row, 0), np.where(inside, column, 0)],
-                    0.0)
+    flat = np.where(inside, row * width + column, 0)
+    return np.where(inside, grid.evidence.ravel()[flat], 0.0)

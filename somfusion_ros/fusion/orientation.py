@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
 
 BINS = 360
-FINE = 4           # Radon directions per degree
+FINE = 2           # Radon directions per degree
 TUNING = 4.0       # furthest that the tuning may go from a histogram peak [deg]
 
 
 def histogram(norms: Array, weights: Array, sided: Array, sigma: float = 2.0) -> Array:
     """
-    Weighted histogram (360,) of norm directions, one bin per degree, smoothed on the circle.
+    Count norms by direction in 360 bins of one degree, weighted and smoothed on the circle.
 
     A norm whose sign is unsure counts for its opposite too. Norms (N, 2); weights (N,); sided
     (N,) 0..1; sigma of the smoothing [deg].

@@ -11,7 +11,7 @@ map is preferred; a robust weight keeps what has moved or bent from pulling.
 import numpy as np
 
 from somfusion_ros.fusion.features import Map, match
-from somfusion_ros.geometry import Array, inverse
+from somfusion_ros.geometry import apply, Array, inverse
 
 REACHES = (0.4, 0.3, 0.2, 0.2, 0.15, 0.15)     # furthest match in each step [m]
 ANGLE = np.radians(15.0)
@@ -47,16 +47,17 @@ def _residuals(pose: Array, target: Map, source: Map,
     R = np.array([[c, -s], [s, c]])
     for seen, by, forth in ((source, target, True), (target, source, False)):
         way = pose if forth else inverse(pose)
-        at, other, agrees = match(way[None], seen.features, by.features, by.nearest, ANGLE, 0.5)
-        near, line = by.features.centres[other[0]], by.features.norms[other[0]]
-        off = ((near - at[0]) * line).sum(1)
+        found = match(way[None], seen.features, by.features, by.nearest, ANGLE, 0.5)
+        other, agrees = found.other[0], found.agrees[0]
+        near, line = by.features.centres[other], by.features.norms[other]
+        off = ((near - apply(way, seen.features.centres)) * line).sum(1)
         # The line of the other map, brought to the target's frame, and the point that turns.
         norm = line if forth else -line @ R.T
         turning = seen.features.centres if forth else near
         arm = turning @ R.T
         J = np.column_stack([norm, arm[:, 0] * norm[:, 1] - arm[:, 1] * norm[:, 0]])
-        weight = agrees[0] * (np.abs(off) < reach) * np.minimum(
+        weight = agrees * (np.abs(off) < reach) * np.minimum(
             seen.features.weights * seen.features.straight,
-            (by.features.weights * by.features.straight)[other[0]])
+            (by.features.weights * by.features.straight)[other])
         rows.append((J, off, weight))
     return tuple(np.concatenate(part) for part in zip(*rows))

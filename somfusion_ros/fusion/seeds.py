@@ -81,7 +81,8 @@ class VoteGrid:
         flat, drawn = [], []
         for dx, px in ((0, 1.0 - part[:, 0]), (1, part[:, 0])):
             for dy, py in ((0, 1.0 - part[:, 1]), (1, part[:, 1])):
-                flat.append((low[:, 1] + dy) % self.size * self.size + (low[:, 0] + dx) % self.size)
+                row, column = (low[:, 1] + dy) % self.size, (low[:, 0] + dx) % self.size
+                flat.append(row * self.size + column)
                 drawn.append(value * px * py)
         index, pull, area = np.concatenate(flat), np.concatenate(drawn), self.size ** 2
         image = np.empty(area, np.complex64)

@@ -67,8 +67,8 @@ def grow(cells: Cells, radius: float, delta_radius: float) -> NDArray[np.intp]:
             open_cells = (labels < 0) | (labels == label)
             labels[open_cells & (distance <= radius)] = label           # (1)
             ring = open_cells & (distance <= radius) & (distance > radius - 1)          # (2)
-            if not ring.any():
-                ring = open_cells & (distance <= radius) & (distance > radius - delta_radius)  # (3)
+            if not ring.any():                                          # (3)
+                ring = open_cells & (distance <= radius) & (distance > radius - delta_radius)
             fresh = set(np.flatnonzero(ring).tolist()) - seen
             seen |= fresh
             starts.extend(sorted(fresh))

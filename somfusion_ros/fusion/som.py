@@ -17,10 +17,11 @@ from scipy.spatial import cKDTree
 from somfusion_ros.geometry import Array
 
 Index = NDArray[np.intp]
+NEAR = 4     # neurons around a cell that can win it during the whole training
 
 
 def presentations(evidence: Array, delta: float) -> Array:
-    """How often each cell is presented: round(|C| / delta), at least once (4)."""
+    """Count how often each cell is presented: round(|C| / delta), at least once (4)."""
     return np.maximum(np.rint(np.abs(evidence) / delta), 1.0)
 
 
@@ -31,7 +32,7 @@ def train(points: Array, times: Array, segments: Index, spacing: float,
 
     Parameters
     ----------
-    points : (N, 2) cell centres [m]
+    points : (N, 2) cell centres [m], at least one
     times : (N,) presentations of each cell
     segments : (N,) segment of each cell
     spacing : distance of neighbouring neurons along a wall [m]
@@ -42,56 +43,63 @@ def train(points: Array, times: Array, segments: Index, spacing: float,
     centres (K, 2) [m], the segment (K,) of each neuron, edges (E, 2) between adjacent neurons,
     and the winner (N,) of each cell
     """
-    winner, runner = _initial(points, segments, spacing), None
-    centres, mass = _means(points, times, winner, winner.max() + 1)
+    home = _squares(points, segments, spacing)
+    centres = _means(points, times, home)
+    of = np.zeros(len(centres), np.intp)
+    of[home] = segments
+    near = cKDTree(centres).query(points, k=min(NEAR, len(centres)))[1].reshape(len(points), -1)
+    foreign = of[near] != segments[:, None]
     for step in range(passes):
-        near = cKDTree(centres).query(points, k=min(2, len(centres)))[1].reshape(len(points), -1)
-        winner, runner = near[:, 0], near[:, -1]
+        winner, runner = _two_nearest(points, centres, near, foreign)
         share = 0.5 * (1.0 - (step + 1) / passes)
-        centres, mass = _update(points, times, winner, runner, share, centres)
-        if step == 0:
-            centres = centres[mass > 0]
-    return _finish(centres, mass, winner, runner, segments)
+        centres = _pull(points, times, winner, runner, share, centres)
+    return _finish(centres, of, winner, runner)
 
 
-def _initial(points: Array, segments: Index, spacing: float) -> Index:
-    """One neuron for every square of edge `spacing` in which a segment has cells."""
+def _squares(points: Array, segments: Index, spacing: float) -> Index:
+    """Give each cell (N,) a first neuron: one for every square in which a segment has cells."""
     squares = np.floor((points - points.min(0)) / spacing).astype(np.int64)
-    rows, columns = squares[:, 1].max() + 1, squares[:, 0].max() + 1
+    columns, rows = squares.max(0) + 1
     key = (segments.astype(np.int64) * rows + squares[:, 1]) * columns + squares[:, 0]
     return np.unique(key, return_inverse=True)[1]
 
 
-def _means(points: Array, times: Array, winner: Index, count: int) -> tuple[Array, Array]:
-    """Mean (K, 2) and mass (K,) of the cells that each neuron wins."""
-    mass = np.bincount(winner, times, count)
-    sums = np.column_stack([np.bincount(winner, times * points[:, k], count) for k in (0, 1)])
-    return sums / np.maximum(mass, 1e-12)[:, None], mass
+def _means(points: Array, times: Array, winner: Index) -> Array:
+    """Means (K, 2) of the cells that each neuron wins, weighted by their presentations."""
+    mass = np.bincount(winner, times)
+    return np.column_stack([np.bincount(winner, times * axis) / mass for axis in points.T])
 
 
-def _update(points: Array, times: Array, winner: Index, runner: Index, share: float,
-            centres: Array) -> tuple[Array, Array]:
-    """One batch pass: every neuron goes to its cells' mean, runners-up count for `share`."""
+def _two_nearest(points: Array, centres: Array, near: Index,
+                 foreign: NDArray[np.bool_]) -> tuple[Index, Index]:
+    """Winner (N,) and runner-up (N,) of each cell among the neurons (N, k) of its segment."""
+    distance = sum((centres[near, axis] - points[:, axis, None]) ** 2 for axis in (0, 1))
+    distance[foreign] = np.inf
+    cells = np.arange(len(points))
+    first = distance.argmin(1)
+    distance[cells, first] = np.inf
+    second = distance.argmin(1)
+    alone = ~np.isfinite(distance[cells, second])
+    return near[cells, first], near[cells, np.where(alone, first, second)]
+
+
+def _pull(points: Array, times: Array, winner: Index, runner: Index, share: float,
+          centres: Array) -> Array:
+    """Do one batch pass: every neuron goes to its cells' mean, runners-up count for `share`."""
     count = len(centres)
-    mass = np.bincount(winner, times, count)
-    total = mass + share * np.bincount(runner, times, count)
-    moved = np.empty_like(centres)
-    for k in (0, 1):
-        pull = times * points[:, k]
-        moved[:, k] = np.bincount(winner, pull, count) + share * np.bincount(runner, pull, count)
-    return np.where(total[:, None] > 0, moved / np.maximum(total, 1e-12)[:, None], centres), mass
+    mass = np.bincount(winner, times, count) + share * np.bincount(runner, times, count)
+    moved = [np.bincount(winner, times * axis, count)
+             + share * np.bincount(runner, times * axis, count) for axis in points.T]
+    return np.where(mass[:, None] > 0, np.column_stack(moved) / np.maximum(mass, 1e-12)[:, None],
+                    centres)
 
 
-def _finish(centres: Array, mass: Array, winner: Index, runner: Index,
-            segments: Index) -> tuple[Array, Index, Index, Index]:
-    """Drop neurons that won nothing, and read off segments and adjacency."""
-    alive = mass > 0
-    number = np.cumsum(alive) - 1
-    of_segment = np.zeros(len(centres), np.intp)
-    of_segment[winner] = segments
-    ends = np.sort(np.column_stack([winner, runner]), axis=1)
-    ends = ends[alive[ends].all(1) & (ends[:, 0] != ends[:, 1])]
-    ends = ends[of_segment[ends[:, 0]] == of_segment[ends[:, 1]]]
-    edges = np.unique(number[ends[:, 0]] * alive.sum() + number[ends[:, 1]])
-    edges = np.column_stack(np.divmod(edges, max(int(alive.sum()), 1)))
-    return centres[alive], of_segment[alive], edges, number[winner]
+def _finish(centres: Array, of: Index, winner: Index,
+            runner: Index) -> tuple[Array, Index, Index, Index]:
+    """Drop neurons that won nothing, and read off adjacency: a cell joins its two nearest."""
+    alive = np.bincount(winner, minlength=len(centres)) > 0
+    number, count = np.cumsum(alive) - 1, max(int(alive.sum()), 1)
+    low, high = np.minimum(winner, runner), np.maximum(winner, runner)
+    joined = alive[runner] & (low != high)
+    edges = np.unique(number[low[joined]] * count + number[high[joined]])
+    return (centres[alive], of[alive], np.column_stack(np.divmod(edges, count)), number[winner])

@@ -11,7 +11,7 @@ with a small turn: clusters of two maps sit at different places along the same w
 
 import numpy as np
 
-from somfusion_ros.fusion.features import Clusters, match, Raster
+from somfusion_ros.fusion.features import Clusters, match, Matches, Raster
 from somfusion_ros.geometry import Array
 
 ANGLES = np.radians([25.0, 18.0, 13.0, 9.0, 6.0, 4.0])   # thresholds of Algorithm 2
@@ -27,12 +27,13 @@ def mean_shift(pose: Array, source: Clusters, target: Clusters, nearest: Raster,
     """
     pose, index = np.array(pose, dtype=float), []
     for angle in np.repeat(angles, steps):
-        at, other, agrees = match(pose[None], source, target, nearest, angle, np.inf)
+        found = match(pose[None], source, target, nearest, angle, np.inf)
+        agrees = found.agrees[0]
         if not agrees.any():
             continue
-        shift = (target.centres[other] - at)[agrees]
+        shift = target.centres[found.other[0, agrees]] - found.at[:, 0, agrees].T
         pose[:2] += shift.mean(0)
-        index.append(float(np.hypot(*shift.T).mean()))
+        index.append(float(np.hypot(shift[:, 0], shift[:, 1]).mean()))
     return pose, index
 
 
@@ -41,44 +42,39 @@ def settle(poses: Array, source: Clusters, target: Clusters, nearest: Raster,
     """
     Let every seed (B, 3) fall into its nearest agreement.
 
-    Returns poses (B, 3) and the mean distance to the matched lines after each step, (steps, B),
+    Returns poses (B, 3) and the mean distance to the matched lines before each step, (steps, B),
     the performance index J of (10) [m].
     """
     poses, index = np.array(poses, dtype=float), []
-    for angle, reach in zip(angles, reaches):
-        at, other, agrees = match(poses, source, target, nearest, angle, reach)
-        norms = target.norms[other]
-        weight = agrees * np.minimum(source.weights[None], target.weights[other])
-        off = ((target.centres[other] - at) * norms).sum(-1)
-        poses = turn_about(poses, *solve(at, norms, off, weight))
-        index.append((weight * np.abs(off)).sum(1) / np.maximum(weight.sum(1), 1e-9))
+    for angle, reach in zip(angles, reaches, strict=True):
+        found = match(poses, source, target, nearest, angle, reach)
+        weight = found.agrees * np.minimum(source.weights.astype(np.float32),
+                                           target.weights.astype(np.float32)[found.other])
+        poses = _turn_about(poses, *_solve(found, weight))
+        total = np.einsum('bk->b', weight)
+        index.append(np.einsum('bk,bk->b', weight, np.abs(found.off)) / np.maximum(total, 1e-6))
     return poses, np.asarray(index)
 
 
-def solve(at: Array, norms: Array, off: Array, weight: Array) -> tuple[Array, Array]:
+def _solve(found: Matches, weight: Array) -> tuple[Array, Array]:
     """
     Weighted point-to-line step of each of B hypotheses.
 
-    at (B, K, 2), norms (B, K, 2), off (B, K) wanted moves along the norms, weight (B, K).
-
-    Returns
-    -------
-    steps (B, 3): shift [m] and turn [rad] about the pivots (B, 2), the weighted centres
+    Returns steps (B, 3): shift [m] and turn [rad] about the pivots (B, 2), the weighted centres.
     """
-    total = weight.sum(1) + 1e-9
-    pivot = (at * weight[..., None]).sum(1) / total[:, None]
-    arm = at - pivot[:, None]
-    J = np.concatenate([norms, (arm[..., :1] * norms[..., 1:] - arm[..., 1:] * norms[..., :1])],
-                       axis=-1)
-    Jw = J * weight[..., None]
-    H = np.swapaxes(Jw, 1, 2) @ J
+    total = np.einsum('bk->b', weight) + 1e-6
+    pivot = np.einsum('ibk,bk->bi', found.at, weight) / total[:, None]
+    arm = found.at - pivot.T[:, :, None]
+    J = np.stack([*found.norms, arm[0] * found.norms[1] - arm[1] * found.norms[0]])
+    Jw = J * weight
+    H = np.einsum('ibk,jbk->bij', Jw, J, optimize=True).astype(float)
     # Damping: where no wall fixes a direction (a corridor), the hypothesis stays where it is.
-    H += np.eye(3) * (0.02 * total)[:, None, None] * (1.0, 1.0, 4.0)
-    g = np.swapaxes(Jw, 1, 2) @ off[..., None]
-    return np.linalg.solve(H, g)[..., 0], pivot
+    H += np.diag([0.02, 0.02, 0.08]) * total[:, None, None]
+    g = np.einsum('ibk,bk->bi', Jw, found.off)
+    return np.linalg.solve(H, g[..., None].astype(float))[..., 0], pivot
 
 
-def turn_about(poses: Array, steps: Array, pivot: Array) -> Array:
+def _turn_about(poses: Array, steps: Array, pivot: Array) -> Array:
     """Apply steps (B, 3) about pivots (B, 2) to poses (B, 3)."""
     arm = poses[:, :2] - pivot
     c, s = np.cos(steps[:, 2]), np.sin(steps[:, 2])

@@ -63,7 +63,7 @@ def _tally(poses: Array, clusters: Clusters, clearance: Raster, tolerance: float
 
 def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
     """Best `count` of hypotheses (B, 3) that differ by 0.5 m at pivot (2,) or 6 degrees."""
-    spot, kept = place(poses, pivot[None])[:, 0], []
+    spot, kept = place(poses, pivot[None])[:, :, 0].T, []
     for i in np.argsort(-score, kind='stable'):
         near = np.hypot(*(spot[kept] - spot[i]).T) < 0.5
         if not (near & (np.abs(wrap(poses[kept, 2] - poses[i, 2])) < 0.1)).any():
@@ -98,13 +98,12 @@ def measure(pose: Array, target: Map, source: Map, tolerance: float = TOLERANCE)
 def _information(pose: Array, seen: Map, by: Map, tolerance: float) -> Array:
     """Sum (2, 2, 2) of w n n' over matched clusters, and over those on free space [m]."""
     clusters = seen.features
-    at, other, agrees = match(pose, clusters, by.features, by.nearest, ANGLE, 0.8)
-    off = ((at - by.features.centres[other]) * by.features.norms[other]).sum(-1)
-    on = (agrees & (np.abs(off) <= tolerance))[0]
-    away = by.clearance.at(at)[0]
-    outer = clusters.norms[:, :, None] * clusters.norms[:, None, :]
-    outer *= (clusters.weights * clusters.straight)[:, None, None]
-    return np.stack([outer[on].sum(0), outer[away > tolerance].sum(0)])
+    found = match(pose, clusters, by.features, by.nearest, ANGLE, 0.8)
+    on = (found.agrees & (np.abs(found.off) <= tolerance))[0]
+    off = by.clearance.at(found.at)[0] > tolerance
+    weight = clusters.weights * clusters.straight
+    return np.stack([(clusters.norms * (weight * which)[:, None]).T @ clusters.norms
+                     for which in (on, off)])
 
 
 def _free_agreement(pose: Array, seen: Map, by: Map) -> tuple[float, Array]:
@@ -136,7 +135,7 @@ def judge(poses: Array, evidence: list[Evidence], pivot: Array, confidence: floa
     """
     score = np.array([item.score for item in evidence])
     best = int(score.argmax())
-    spot = place(poses, pivot[None])[:, 0]
+    spot = place(poses, pivot[None])[:, :, 0].T
     apart = np.hypot(*(spot - spot[best]).T) > 0.7
     apart |= np.abs(wrap(poses[:, 2] - poses[best, 2])) > np.radians(8.0)
     rivals = np.flatnonzero(apart)
