@@ -50,7 +50,7 @@ def test_every_ros_package_imported_is_depended_on() -> None:
             elif isinstance(node, ast.ImportFrom):
                 imported.add(node.module.split('.')[0])
     ros = {n for n in imported if n.endswith(('_msgs', '_srvs', '_interfaces'))
-           or n in ('rclpy', 'tf2_ros', 'launch', 'launch_ros')}
+           or n in ('ament_index_python', 'launch', 'launch_ros', 'rclpy', 'tf2_ros')}
     assert ros <= named, f'not in package.xml: {sorted(ros - named)}'
 
 

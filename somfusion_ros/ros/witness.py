@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Writes down what a team of robots publishes: maps, global maps, transforms, diagnostics.
+Writes down what a team of robots publishes: maps, paths, global maps, transforms, diagnostics.
 
 It hears only the topics that any other program can hear. `status.json` in its folder is renewed
 while it runs; the maps are written when it ends.
@@ -16,7 +16,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import OccupancyGrid, Path as PathMessage
+import numpy as np
 from rclpy.node import Node
 from somfusion_ros.grid import MAX_CELLS
 from somfusion_ros.ros import qos
@@ -24,6 +25,7 @@ from somfusion_ros.ros.conversions import (grid_from_message, pose_from_message,
                                            transform_from_message)
 from somfusion_ros.ros.runtime import plain_args, run
 from somfusion_ros.tools.result import write_robot_map
+from somfusion_ros.tools.trajectories import write_tum
 
 STATUS = 'status.json'
 PERIOD = 0.5   # [s] between two writings of the status
@@ -38,6 +40,7 @@ class WitnessNode(Node):
         self._folder.mkdir(parents=True, exist_ok=True)
         self._started = time.time()
         self._maps: dict[tuple[str, str], OccupancyGrid] = {}
+        self._paths: dict[str, PathMessage] = {}
         self._status: dict[str, Any] = {'robots': {}, 'diagnostics': {}}
         for robot in options.robots:
             self._hear(robot)
@@ -50,6 +53,8 @@ class WitnessNode(Node):
         for topic in ('map', 'global_map'):
             self.create_subscription(OccupancyGrid, f'/{robot}/{topic}',
                                      partial(self._on_map, robot, topic), qos.LATCHED)
+        self.create_subscription(PathMessage, f'/{robot}/path', partial(self._on_path, robot),
+                                 qos.LATEST)
         self.create_subscription(TransformStamped, f'/{robot}/relative_transforms',
                                  partial(self._on_transform, robot), qos.LATCHED_PER_PAIR)
         self.create_subscription(PoseWithCovarianceStamped, f'/{robot}/pose',
@@ -61,6 +66,10 @@ class WitnessNode(Node):
         self._seen(self._status['robots'][robot]['maps'], topic).update(
             stamp=seconds(message.header.stamp), frame=message.header.frame_id,
             width=message.info.width, height=message.info.height)
+
+    def _on_path(self, robot: str, message: PathMessage) -> None:
+        """Keep the newest path."""
+        self._paths[robot] = message
 
     def _on_transform(self, robot: str, message: TransformStamped) -> None:
         """Keep the newest transform to each peer."""
@@ -97,7 +106,9 @@ class WitnessNode(Node):
         draft.replace(self._folder / STATUS)
 
     def close(self, timeout: float) -> bool:
-        """Write the maps and the last status."""
+        """Write the maps, the paths and the last status."""
+        for robot in self._status['robots']:
+            self._write_path(robot)
         for (robot, topic), message in self._maps.items():
             try:
                 grid = grid_from_message(message, MAX_CELLS)
@@ -107,6 +118,14 @@ class WitnessNode(Node):
                 write_robot_map(self._folder / robot / topic, grid)
         self._write_status()
         return True
+
+    def _write_path(self, robot: str) -> None:
+        """Write the views of a robot's last path."""
+        poses = self._paths[robot].poses if robot in self._paths else []
+        folder = self._folder / robot
+        folder.mkdir(exist_ok=True)
+        write_tum(folder / 'path.tum', np.array([seconds(p.header.stamp) for p in poses]),
+                  np.array([pose_from_message(p.pose) for p in poses]))
 
 
 def main(args: list[str] | None = None) -> int:
