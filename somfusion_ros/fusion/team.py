@@ -18,7 +18,7 @@ from somfusion_ros.geometry import Array, Pose
 
 # Two maps of one place bend differently, so an edge is never better known than this.
 DRIFT_SIGMA_XY = 0.2                # [m]
-DRIFT_SIGMA_THETA = np.radians(2.0)  # [rad], also felt as translation over the edge's length
+DRIFT_SIGMA_THETA = np.radians(1.0)  # [rad], also felt as translation over the edge's length
 CONTRADICTION = 0.999               # chance with which noise alone stays below the gate
 
 
