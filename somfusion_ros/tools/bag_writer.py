@@ -22,7 +22,11 @@ WHEELS = ['left_wheel_joint', 'right_wheel_joint']
 
 
 class BagWriter:
-    """A rosbag2 bag being written; a context manager. Stamps are given in seconds."""
+    """
+    A rosbag2 bag being written; a context manager.
+
+    Stamps are given in seconds; `recorded` is the time of recording, None: the stamp.
+    """
 
     def __init__(self, folder: Path, storage: str = 'mcap',
                  frames: tuple[str, str, str] = ('odom', 'base_link', 'laser')) -> None:
@@ -30,6 +34,7 @@ class BagWriter:
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._odom_frame, self._base_frame, self._laser_frame = frames
         self._connections: dict[str, Any] = {}
+        self.recorded: float | None = None
 
     def __enter__(self) -> 'BagWriter':
         self._writer.open()
@@ -67,7 +72,8 @@ class BagWriter:
         x, y, theta = np.asarray(pose, dtype=float)
         vx, vy, turn = np.asarray(twist, dtype=float)
         make = self._make
-        place = make('geometry_msgs/msg/Pose', make('geometry_msgs/msg/Point', x, y, 0.0),
+        place = make('geometry_msgs/msg/Pose',
+                     make('geometry_msgs/msg/Point', x, y, 0.0),
                      make('geometry_msgs/msg/Quaternion', *_quaternion(theta)))
         speed = make('geometry_msgs/msg/Twist', make('geometry_msgs/msg/Vector3', vx, vy, 0.0),
                      make('geometry_msgs/msg/Vector3', 0.0, 0.0, turn))
@@ -81,7 +87,8 @@ class BagWriter:
         """Write the wheel encoders (2,) left, right [rad]."""
         nothing = np.zeros(0)
         self._write('/joint_states', 'sensor_msgs/msg/JointState', stamp,
-                    self._header(stamp, ''), WHEELS, np.asarray(positions, dtype=float), nothing, nothing)
+                    self._header(stamp, ''), WHEELS, np.asarray(positions, dtype=float),
+                    nothing, nothing)
 
     def _write(self, topic: str, msgtype: str, stamp: float, *fields: Any) -> None:
         """Serialise a message and write it."""
@@ -90,7 +97,8 @@ class BagWriter:
             self._connections[topic] = self._writer.add_connection(
                 topic, msgtype, typestore=self._store, offered_qos_profiles=qos)
         raw = self._store.serialize_cdr(self._make(msgtype, *fields), msgtype)
-        self._writer.write(self._connections[topic], round(stamp * 1e9), raw)
+        recorded = stamp if self.recorded is None else self.recorded
+        self._writer.write(self._connections[topic], round(recorded * 1e9), raw)
 
     def _make(self, msgtype: str, *fields: Any) -> Any:
         """Make a message."""
