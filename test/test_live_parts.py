@@ -1,0 +1,269 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes are made of, without ROS: waiting scans, jumps of time, peers, the worker."""
+
+from collections import Counter
+import threading
+
+from helpers import (fake_odometry, fake_room, fake_scan, fake_trajectory, pose_error)
+import numpy as np
+import pytest
+from somfusion_ros.config import SlamConfig
+from somfusion_ros.geometry import between, compose, inverse, Pose
+from somfusion_ros.ros.peers import find_peers, from_sighting, Heard, MAP_TYPE, robot_of
+from somfusion_ros.ros.scan_queue import (JUMP_CONFIRMED, MAX_WAITING, ScanQueue, StampGuard)
+from somfusion_ros.ros.session import Session
+from somfusion_ros.ros.worker import Worker
+from somfusion_ros.slam.motion import OdometryBuffer
+
+
+class Counts(Counter):
+    """Counts faults as the nodes do."""
+
+    def __call__(self, kind: str, reason: str = '') -> None:
+        """Count one."""
+        self[kind] += 1
+
+
+def queue_with(stamps: list[float], timeout: float = 1.0) -> tuple[ScanQueue, OdometryBuffer,
+                                                                   Counts]:
+    """Make a queue whose odometry has these stamps."""
+    counts, buffer = Counts(), OdometryBuffer()
+    for stamp in stamps:
+        buffer.add(stamp, np.array([stamp, 0.0, 0.0]))
+    return ScanQueue(buffer, timeout, counts), buffer, counts
+
+
+def test_scans_wait_until_odometry_covers_them_in_order() -> None:
+    queue, buffer, counts = queue_with([0.0, 1.0])
+    for stamp in (0.5, 1.5, 1.7, 2.5):
+        queue.add(stamp, stamp, now=0.0)
+    assert [item for item, _ in queue.ready(0.1)] == [0.5]
+    buffer.add(2.0, np.array([2.0, 0.0, 0.0]))
+    found = list(queue.ready(0.2))
+    assert [item for item, _ in found] == [1.5, 1.7]
+    assert [float(o.pose[0]) for _, o in found] == pytest.approx([1.5, 1.7])
+    assert len(queue) == 1
+    assert not counts
+
+
+def test_scans_that_wait_too_long_are_dropped_and_counted() -> None:
+    queue, buffer, counts = queue_with([0.0, 1.0])
+    queue.add(1.2, 'late', now=10.0)
+    assert not list(queue.ready(11.0))
+    assert not counts
+    assert not list(queue.ready(11.01))
+    assert counts['scans_without_odometry'] == 1
+    assert len(queue) == 0
+
+
+def test_scans_older_than_all_odometry_do_not_hold_up_the_others() -> None:
+    queue, _, counts = queue_with([5.0, 6.0])
+    queue.add(1.0, 'old', now=0.0)
+    queue.add(5.5, 'good', now=0.0)
+    assert [item for item, _ in queue.ready(0.0)] == ['good']
+    assert counts['scans_before_odometry'] == 1
+
+
+def test_a_queue_never_grows_without_bound() -> None:
+    queue, _, counts = queue_with([])
+    for number in range(MAX_WAITING + 50):
+        queue.add(float(number), number, now=0.0)
+    assert len(queue) == MAX_WAITING
+    assert counts['scans_without_odometry'] == 50
+
+
+def test_one_stray_stamp_is_no_jump() -> None:
+    guard = StampGuard()
+    assert [guard.check(s) for s in (1.0, 1.1, 9e9, 1.2, -5.0, 1.3, 0.0)] == [
+        'good', 'good', 'stray', 'good', 'stray', 'good', 'stray']
+
+
+@pytest.mark.parametrize(('start', 'word'), [(3.0, 'jumped_back'), (1e6, 'jumped_ahead')])
+def test_several_strange_stamps_that_follow_one_another_are_a_jump(start: float,
+                                                                   word: str) -> None:
+    guard = StampGuard()
+    guard.check(100.0)
+    words = [guard.check(start + 0.1 * i) for i in range(JUMP_CONFIRMED + 3)]
+    assert words == ['stray'] * (JUMP_CONFIRMED - 1) + [word] + ['good'] * 3
+
+
+def test_strange_stamps_without_order_are_never_a_jump() -> None:
+    guard = StampGuard()
+    guard.check(100.0)
+    assert {guard.check(s) for s in (50.0, 40.0, 30.0, 20.0, 10.0, 5.0, 4.0, 3.0)} == {'stray'}
+
+
+def test_a_wrong_first_stamp_is_overcome() -> None:
+    guard = StampGuard()
+    guard.check(9e9)
+    words = [guard.check(1.0 + 0.1 * i) for i in range(JUMP_CONFIRMED + 1)]
+    assert words[-1] == 'good'
+
+
+class Drive:
+    """A drive through a room, fed to a session as a robot would."""
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self.session = Session(SlamConfig(), 0.5, self.counts)
+        way = np.array([[1.5, 1.5], [3.5, 1.5], [6.5, 1.0], [6.5, 2.8], [4.5, 3.0], [2.0, 3.0]])
+        self.stamps, self.poses = fake_trajectory(way)
+        self.odometry = fake_odometry(self.poses)
+        self.steps: list = []
+
+    def feed(self, first: int, last: int, shift: float = 0.0,
+             T_odom_odom: Pose | None = None) -> None:
+        """Feed a part of the drive, at shifted stamps."""
+        for i in range(first, last):
+            stamp = self.stamps[i] + shift
+            pose = self.odometry[i] if T_odom_odom is None else compose(T_odom_odom,
+                                                                        self.odometry[i])
+            scan = fake_scan(fake_room(), self.poses[i], stamp, beams=181)
+            self.session.add_odometry(stamp, pose)
+            self.session.add_scan(scan, i, 0.0)
+            self.steps += list(self.session.steps(0.0))
+
+    def error(self) -> float:
+        """Distance [m] of the last step from the truth, both from the first step."""
+        (first, one), (last, other) = self.steps[0], self.steps[-1]
+        return pose_error(between(one.pose, other.pose),
+                          between(self.poses[first], self.poses[last]))[0]
+
+
+def test_a_session_follows_the_robot() -> None:
+    drive = Drive()
+    drive.feed(0, 100)
+    assert [tag for tag, _ in drive.steps] == list(range(100))
+    assert all(step.accepted for _, step in drive.steps)
+    assert drive.error() < 0.1
+
+
+def test_a_clock_set_back_does_not_lose_the_map() -> None:
+    drive = Drive()
+    drive.feed(0, 50)
+    views = len(drive.session.slam.views()[0])
+    drive.feed(50, 100, shift=-1000.0)
+    assert drive.counts['scan_time_jumped_back'] == 1
+    assert not drive.counts['maps_begun_anew']
+    assert drive.steps[-1][0] == 99
+    assert len(drive.session.slam.views()[0]) > views
+    assert drive.error() < 0.15
+
+
+def test_a_simulation_that_starts_again_begins_a_new_map() -> None:
+    drive = Drive()
+    drive.feed(0, 60)
+    drive.feed(0, 40, T_odom_odom=Pose(30.0, 0.0, 0.0), shift=-0.001)
+    assert drive.counts['maps_begun_anew'] == 1
+    assert drive.steps[-1][0] == 39
+    assert len(drive.session.slam.trajectory()[0]) < 40
+
+
+def test_single_stray_stamps_change_nothing() -> None:
+    drive = Drive()
+    drive.feed(0, 30)
+    drive.session.add_odometry(9e9, np.zeros(3))
+    drive.session.add_scan(fake_scan(fake_room(), drive.poses[30], 9e9), 'stray', 0.0)
+    drive.session.add_scan(fake_scan(fake_room(), drive.poses[30], np.nan), 'stray', 0.0)
+    drive.session.add_odometry(0.0, np.zeros(3))
+    drive.feed(30, 60)
+    assert [tag for tag, _ in drive.steps] == list(range(60))
+    assert drive.counts['scan_stamps_stray'] == 2
+    assert drive.counts['odometry_stamps_stray'] == 2
+    assert drive.error() < 0.1
+
+
+def test_bad_scans_between_good_ones_are_counted() -> None:
+    drive = Drive()
+    drive.feed(0, 10)
+    good = fake_scan(fake_room(), drive.poses[9], drive.stamps[9], beams=181)
+    for ranges in ([], [np.nan] * 181, [np.inf] * 181, [0.0] * 181, [1.0] * 7):
+        spoiled = type(good)(good.stamp, np.array(ranges), good.angle_min, good.angle_increment,
+                             good.range_min, good.range_max)
+        drive.session.add_scan(spoiled, 'bad', 0.0)
+        drive.steps += [s for s in drive.session.steps(0.0) if s[0] != 'bad']
+    drive.feed(10, 40)
+    assert sum(drive.counts.values()) >= 5
+    assert drive.error() < 0.1
+
+
+TOPICS = [('/robot1/map', [MAP_TYPE]), ('/robot2/map', [MAP_TYPE]),
+          ('/robot2/global_map', [MAP_TYPE]), ('/robot3/local_costmap/costmap', [MAP_TYPE]),
+          ('/robot4/map', ['std_msgs/msg/String']), ('/fleet/robot5/map', [MAP_TYPE]),
+          ('/robot6/map_updates', [MAP_TYPE]), ('/robot7/my_map', [MAP_TYPE]),
+          ('/map', [MAP_TYPE])]
+
+
+def test_peers_are_found_by_exact_last_name_and_type() -> None:
+    assert find_peers(TOPICS, 'map', '/robot1/map', ['']) == ['fleet/robot5', 'robot2']
+    assert find_peers(TOPICS, 'map', '/map', []) == ['fleet/robot5', 'robot1', 'robot2']
+
+
+def test_only_wanted_peers_are_heard() -> None:
+    assert find_peers(TOPICS, 'map', '/robot1/map', ['/robot2', 'robot9']) == ['robot2']
+
+
+def test_the_robot_of_a_map_frame() -> None:
+    assert [robot_of(f) for f in ('robot2/map', '/robot2/map', 'fleet/r5/map', 'map')] == [
+        'robot2', 'robot2', 'fleet/r5', '']
+
+
+def test_a_sighting_ties_two_map_frames() -> None:
+    T_a_b = Pose(4.0, -1.0, 0.8)                       # truth: map of b in map of a
+    T_a_base, T_b_base = Pose(1.0, 2.0, 0.3), Pose(-2.0, 0.5, -1.0)
+    seen = between(T_a_base, compose(T_a_b, T_b_base))   # what the robot a sees of b
+    assert np.allclose(from_sighting(T_a_base, Pose.from_array(seen), T_b_base), T_a_b)
+    assert np.allclose(from_sighting(Pose(), Pose(), T_b_base), inverse(T_b_base))
+
+
+def test_a_pose_counts_only_near_its_stamp() -> None:
+    heard = Heard()
+    assert heard.pose_at(1.0) is None
+    heard.poses.extend([(1.0, Pose(1, 0, 0)), (2.0, Pose(2, 0, 0))])
+    assert heard.pose_at(1.7) == Pose(2, 0, 0)
+    assert heard.pose_at(5.0) is None
+
+
+def test_a_worker_does_jobs_in_order_and_survives_a_failing_one() -> None:
+    done, errors, finished = [], [], threading.Event()
+    worker = Worker(lambda: False, errors.append, period=0.01)
+    worker.start()
+    worker.submit(lambda: done.append(1))
+    worker.submit(lambda: 1 / 0)
+    worker.submit(lambda: done.append(2))
+    worker.submit(finished.set)
+    assert finished.wait(5.0)
+    assert done == [1, 2]
+    assert isinstance(errors[0], ZeroDivisionError)
+    assert worker.close(5.0)
+
+
+def test_a_worker_goes_on_while_there_is_more_and_takes_jobs_in_between() -> None:
+    left, asked = [5], threading.Event()
+
+    def idle() -> bool:
+        left[0] -= 1
+        return left[0] > 0
+    worker = Worker(idle, lambda error: None, period=60.0)
+    worker.submit(lambda: None)
+    worker.start()
+    worker.submit(asked.set)
+    assert asked.wait(5.0)
+    assert worker.close(5.0)
+    assert left[0] <= 4
+
+
+def test_a_worker_that_is_busy_says_so() -> None:
+    busy, release = threading.Event(), threading.Event()
+
+    def job() -> None:
+        busy.set()
+        release.wait(30.0)
+    worker = Worker(lambda: False, lambda error: None)
+    worker.start()
+    worker.submit(job)
+    assert busy.wait(5.0)
+    assert not worker.close(0.05)
+    release.set()
+    assert worker.close(5.0)
