@@ -18,11 +18,11 @@ def draw_histograms(axes: Axes, data: PairData) -> None:
     degrees = np.arange(360)
     for side, found in enumerate((data.trace.target, data.trace.source)):
         heights = np.asarray(found.histogram, dtype=float)
-        heights = heights / max(heights.sum(), 1e-12)
+        heights = 100.0 * heights / max(heights.sum(), 1e-12)
         axes.fill_between(degrees, heights, color=COLOURS[side], alpha=0.35, linewidth=0)
         axes.plot(degrees, heights, color=COLOURS[side], linewidth=1.0)
     axes.set_title('Histograms of surface norms')
-    axes.set_ylabel('share of wall')
+    axes.set_ylabel('share of wall [%]')
     legend(axes, [(data.target, COLOURS[0]), (data.source, COLOURS[1])])
     _degrees(axes, 'direction of norm [deg]')
 

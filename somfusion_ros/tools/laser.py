@@ -37,8 +37,7 @@ def measure(segments: Array, poses: Array, rng: np.random.Generator) -> NDArray[
     true, incidence = raycast(segments[near], T_world_laser[:, :2], angles)
     noise = rng.normal(size=BEAMS)
     chance = rng.uniform(size=BEAMS)
-    with np.errstate(invalid='ignore'):
-        ranges = true + noise * (NOISE + NOISE_PER_METRE * true)
+    ranges = true + noise * (NOISE + NOISE_PER_METRE * np.minimum(true, RANGE_MAX))
     lost = chance < np.where(incidence < GRAZING, DROPOUT_GRAZING, DROPOUT)
     ranges = np.where(ranges > RANGE_MAX, np.inf, np.round(ranges, 3))
     return np.where(lost | (ranges < RANGE_MIN), 0.0, ranges).astype(np.float32)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`somfusion report`: the paper's figures for a result, on one page and one by one."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -107,26 +107,35 @@ def _draw_pair(folder: Path, data: PairData, first: bool, done: Callable[[], obj
     _page(data).savefig(folder / 'report.png', pil_kwargs=PNG)
     done()
     for name, panels in FIGURES.items():
-        figure = Figure(figsize=(1.35 * PANEL * len(panels), 1.25 * PANEL), layout='constrained')
-        for axes, draw in zip(np.ravel(figure.subplots(1, len(panels))), panels):
-            draw(axes, data)
+        figure = panels_in_rows(panels, data, len(panels), 1.35 * PANEL)
         figure.savefig(singles / f'{name}.png', pil_kwargs=PNG)
         done()
+
+
+def panels_in_rows(panels: Sequence[Panel], data: PairData, columns: int, width: float,
+                   title: str = '') -> Figure:
+    """Draw panels, `width` [inch] wide each, with fixed room for their labels [inch]."""
+    rows = -(-len(panels) // columns)
+    height, head = 0.92 * width, 0.45 if title else 0.0
+    size = columns * width, rows * height + head
+    figure = Figure(figsize=size)
+    figure.subplots_adjust(left=0.62 / size[0], right=1.0 - 0.12 / size[0],
+                           bottom=0.5 / size[1], top=1.0 - (0.5 + head) / size[1],
+                           wspace=0.6 / (width - 0.6), hspace=1.0 / (height - 1.0))
+    figure.suptitle(title, fontsize=14, fontweight='bold', y=1.0 - 0.12 / size[1])
+    for axes, draw in zip(np.ravel(figure.subplots(rows, columns)), panels):
+        draw(axes, data)
+    return figure
 
 
 def _page(data: PairData) -> Figure:
     """Draw all panels of a pair on one page, four in a row."""
     panels = [panel for row in FIGURES.values() for panel in row]
-    rows = -(-len(panels) // 4)
-    figure = Figure(figsize=(4 * PANEL, 0.92 * rows * PANEL), layout='constrained')
     found = data.trace.alignment
-    figure.suptitle(f'{data.target} and {data.source}: '
-                    f'{"accepted" if found.accepted else "refused"}, probability '
-                    f'{found.probability:.3f}, V {found.verification_index:.1f} %',
-                    fontsize=14, fontweight='bold')
-    for axes, draw in zip(figure.subplots(rows, 4).ravel(), panels):
-        draw(axes, data)
-    return figure
+    verdict = 'accepted' if found.accepted else 'refused'
+    return panels_in_rows(panels, data, 4, PANEL, (
+        f'{data.target} and {data.source}: {verdict}, probability {found.probability:.3f}, '
+        f'V {found.verification_index:.1f} %'))
 
 
 def _draw_team_figure(path: Path, grids: Mapping[str, Grid], world: Mapping[str, Pose],
