@@ -12,7 +12,7 @@ import pytest
 from somfusion_ros.geometry import between, compose, wrap
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Scan
-from somfusion_ros.tools import drive, laser
+from somfusion_ros.tools import drive
 from somfusion_ros.tools.bags import BagError, BagOptions, open_log
 from somfusion_ros.tools.cli import main
 from somfusion_ros.tools.floor_plan import PLANS
@@ -131,7 +131,8 @@ def test_perfect_wheels_err_by_slip_only(tmp_path: Path) -> None:
 
 def test_truth_tells_the_relative_pose_of_the_maps(simulated: Path) -> None:
     truth = json.loads((simulated / 'truth.json').read_text())
-    starts = [read_tum(simulated / robot / 'reference.tum')[1][0] for robot in ('robot1', 'robot2')]
+    starts = [read_tum(simulated / robot / 'reference.tum')[1][0]
+              for robot in ('robot1', 'robot2')]
     pair = truth['pairs'][0]
     assert (pair['target'], pair['source']) == ('robot1', 'robot2')
     found = np.array([pair['transform'][key] for key in ('x', 'y', 'theta')])
