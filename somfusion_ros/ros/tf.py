@@ -31,7 +31,7 @@ class NoTransforms:
         """Send nothing."""
 
     def mount(self, base_frame: str, laser_frame: str) -> Mount | None:
-        """Give the mount of the parameter."""
+        """Give the mount of the parameter, whatever the frames are."""
         return self._mount
 
 
@@ -72,7 +72,6 @@ def make_transforms(node: Any, fallback: Pose) -> NoTransforms | Transforms:
     try:
         tf2_ros = import_module('tf2_ros')
     except ImportError as error:
-        node.get_logger().info(f'running without TF ({error}): the laser is taken to sit at '
-                               f'laser_pose {tuple(fallback)}, transforms go out as messages')
+        node.get_logger().info(f'running without TF ({error}): transforms go out as messages')
         return NoTransforms(fallback)
     return Transforms(node, tf2_ros)

@@ -1,0 +1,298 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""fusion_node as processes on a real middleware, fed with maps whose true pose is known."""
+
+from array import array
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from helpers import cut_grid, fake_grid, fake_room, need_ros, pose_error, ros_environment
+import numpy as np
+import pytest
+from somfusion_ros.geometry import apply, Array, between, compose, Pose
+from somfusion_ros.grid import Grid
+
+need_ros()
+
+from builtin_interfaces.msg import Time  # noqa: E402, I100
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from geometry_msgs.msg import (PoseArray, PoseWithCovarianceStamped,  # noqa: E402
+                               TransformStamped)
+from nav_msgs.msg import OccupancyGrid  # noqa: E402
+from rcl_interfaces.msg import ParameterType  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from ros_graph import Graph, ros_graph  # noqa: E402
+from sensor_msgs.msg import PointCloud2  # noqa: E402
+from somfusion_ros.ros import conversions as convert, qos  # noqa: E402
+from somfusion_ros.tools.maps import read_map  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+pytestmark = pytest.mark.system
+# True pose of the walls in each robot's map; what two robots see overlaps, and not more.
+FRAMES = {'robot1': Pose(), 'robot2': Pose(3.0, -2.0, 0.6), 'robot3': Pose(-1.0, 4.0, -2.2)}
+FAST = ('-p', 'estimation_rate:=5.0', '-p', 'merging_rate:=5.0', '-p', 'discovery_rate:=5.0')
+LIMIT = 10 ** 7
+
+
+def furnished_room() -> Array:
+    """Walls (N, 4) [m] of a room with things in it that no part of the room has twice."""
+    rng, walls = np.random.default_rng(7), [fake_room(14.0, 11.0)]
+    for x in np.arange(1.2, 13.0, 2.3):
+        for y in np.arange(1.0, 9.0, 2.4):
+            w, h = rng.uniform(0.3, 1.4, 2)
+            a, b = x + rng.uniform(0, 0.7), y + rng.uniform(0, 0.7)
+            walls.append([(a, b, a + w, b), (a + w, b, a + w, b + h), (a + w, b + h, a, b + h),
+                          (a, b + h, a, b)])
+    return np.concatenate(walls)
+
+
+WALLS = furnished_room()
+METRES, RADIANS = 0.1, np.radians(1.0)
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """Give a graph that ends with the test."""
+    with ros_graph(tmp_path) as made:
+        yield made
+
+
+def map_of(robot: str) -> Grid:
+    """Draw a robot's map of the walls."""
+    return fake_grid(WALLS, T_map_walls=FRAMES[robot])
+
+
+def publish_map(graph: Graph, robot: str, grid: Grid | OccupancyGrid) -> Any:
+    """Publish a map as a robot's SLAM would; the publisher keeps it for late joiners."""
+    publisher = graph.node.create_publisher(OccupancyGrid, f'/{robot}/map', qos.LATCHED)
+    if isinstance(grid, Grid):
+        grid = convert.grid_message(grid, 'map', Time(sec=1))
+    publisher.publish(grid)
+    return publisher
+
+
+def start(graph: Graph, robot: str, *arguments: str) -> dict[str, list[Any]]:
+    """Start a robot's fusion node and listen to it."""
+    graph.start(robot, 'fusion_node', f'/{robot}', *FAST, *arguments)
+    return listen(graph, robot)
+
+
+def listen(graph: Graph, robot: str) -> dict[str, list[Any]]:
+    """Listen to what a robot's fusion node publishes."""
+    return {'map': graph.hear(OccupancyGrid, f'/{robot}/global_map', qos.LATCHED),
+            'transform': graph.hear(TransformStamped, f'/{robot}/relative_transforms',
+                                    qos.LATCHED_PER_PAIR)}
+
+
+def assert_true(transform: TransformStamped, own: str, peer: str) -> None:
+    """Check a transform between two robots' maps against the truth."""
+    assert transform.header.frame_id == 'map'
+    assert transform.child_frame_id == f'{peer}/map'
+    truth = compose(FRAMES[own], between(FRAMES[peer], Pose()))
+    metres, radians = pose_error(convert.transform_from_message(transform), truth)
+    assert metres < METRES
+    assert radians < RADIANS
+
+
+def share_of_walls(message: OccupancyGrid, robot: str, grid: Grid, world: str) -> float:
+    """Share of a robot's walls that the global map shows, in the world of another robot."""
+    merged = convert.grid_from_message(message, LIMIT)
+    T_world_map = compose(FRAMES[world], between(FRAMES[robot], Pose()))
+    cells = merged.point_to_cell(apply(T_world_map, grid.points(grid.occupied)))
+    inside = ((cells >= 0) & (cells < merged.shape)).all(1)
+    near = np.zeros(len(cells), bool)
+    for row in (-1, 0, 1):
+        for column in (-1, 0, 1):
+            there = np.clip(cells + (row, column), 0, np.array(merged.shape) - 1)
+            near |= inside & merged.occupied[tuple(there.T)]
+    return float(near.mean())
+
+
+def test_two_robots_find_their_pose_and_share_one_map(graph: Graph) -> None:
+    keep = [publish_map(graph, robot, map_of(robot)) for robot in ('robot1', 'robot2')]
+    results = {robot: start(graph, robot) for robot in ('robot1', 'robot2')}
+    clouds = graph.hear(PointCloud2, '/robot1/clusters', qos.LATCHED)
+    poses = graph.hear(PoseArray, '/robot1/peer_poses', qos.STREAM)
+    here = graph.node.create_publisher(PoseWithCovarianceStamped, '/robot2/pose', qos.STREAM)
+    for robot, peer in (('robot1', 'robot2'), ('robot2', 'robot1')):
+        graph.until(lambda: results[robot]['transform'], f'transform of {robot}')
+        assert_true(results[robot]['transform'][-1], robot, peer)
+        graph.until(lambda: results[robot]['map'], f'global map of {robot}')
+        message = results[robot]['map'][-1]
+        assert message.header.frame_id == 'world'
+        for other in ('robot1', 'robot2'):
+            assert share_of_walls(message, other, map_of(other), 'robot1') > 0.9
+    graph.until(lambda: clouds, 'clusters')
+    assert clouds[-1].width > 20
+    assert [f.name for f in clouds[-1].fields] == list(convert.CLUSTER_FIELDS)
+
+    def told_where() -> bool:
+        here.publish(convert.pose_with_covariance(Pose(1.0, 2.0, 0.5), np.eye(3), 'map', Time()))
+        return bool(poses)
+    graph.until(told_where, "the peer's pose")
+    seen = convert.pose_from_message(poses[-1].poses[0])
+    truth = compose(compose(FRAMES['robot1'], between(FRAMES['robot2'], Pose())), (1.0, 2.0, 0.5))
+    assert pose_error(seen, truth)[0] < METRES + 0.05
+    assert len(keep) == 2
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_services_and_live_parameters(graph: Graph, tmp_path: Path) -> None:
+    keep = [publish_map(graph, robot, map_of(robot)) for robot in ('robot1', 'robot2')]
+    result = start(graph, 'robot1', '-p', f'map_directory:={tmp_path}')
+    assert not graph.call(Trigger, '/robot1/fusion_node/save_map').success
+    graph.until(lambda: result['map'], 'global map')
+    saved = graph.call(Trigger, '/robot1/fusion_node/save_map')
+    assert saved.success, saved.message
+    assert read_map(tmp_path / 'global_map.yaml').occupied.sum() > 100
+    request = SetParameters.Request(parameters=[
+        Parameter('estimation_confidence', value=value).to_parameter_msg()
+        for value in (0.9, 1.5)])
+    assert request.parameters[0].value.type == ParameterType.PARAMETER_DOUBLE
+    results = graph.call(SetParameters, '/robot1/fusion_node/set_parameters', request).results
+    assert [r.successful for r in results] == [True, False]
+    assert graph.call(Trigger, '/robot1/fusion_node/reset').success
+    merged = graph.call(Trigger, '/robot1/fusion_node/merge')
+    assert merged.message == 'connected: robot1, robot2'
+    assert len(keep) == 2
+    graph.assert_clean(graph.processes.stop())
+
+
+def bad_maps() -> Iterator[OccupancyGrid]:
+    """Make every kind of map that is none."""
+    def good() -> OccupancyGrid:
+        return convert.grid_message(map_of('robot2'), 'map', Time(sec=1))
+    nan = float('nan')
+    yield OccupancyGrid()
+    for field, value in (('width', 0), ('width', 4000000000), ('resolution', 0.0),
+                         ('resolution', -0.05), ('resolution', nan)):
+        message = good()
+        setattr(message.info, field, value)
+        yield message
+    message = good()
+    message.info.origin.position.x = nan
+    yield message
+    message = good()
+    message.info.origin.orientation.z = nan
+    yield message
+    message = good()
+    message.data = message.data[:-1]
+    yield message
+    message = good()
+    message.data = array('b', [-1] * len(message.data))
+    yield message
+
+
+def counts(messages: list[DiagnosticArray], kind: str) -> int:
+    """Read the newest count of a fault."""
+    for message in reversed(messages):
+        for value in message.status[0].values:
+            if value.key == kind:
+                return int(value.value)
+    return 0
+
+
+def test_a_peer_with_garbage_is_counted_and_the_others_go_on(graph: Graph) -> None:
+    own = publish_map(graph, 'robot1', map_of('robot1'))
+    result = start(graph, 'robot1')
+    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
+    garbage = graph.node.create_publisher(OccupancyGrid, '/robot2/map', qos.LATCHED)
+    lies = graph.node.create_publisher(TransformStamped, '/robot2/relative_transforms',
+                                       qos.LATCHED_PER_PAIR)
+    graph.until(lambda: garbage.get_subscription_count() == 1 and lies.get_subscription_count(),
+                'robot1 listening to robot2')
+    for number, message in enumerate(bad_maps(), start=1):
+        garbage.publish(message)
+        graph.until(lambda: counts(diagnostics, 'map_of_robot2_unusable') >= number,
+                    f'bad map {number} counted')
+    lie = TransformStamped(child_frame_id='robot3/map')
+    lie.transform.translation.x = float('inf')
+    lies.publish(lie)
+    graph.until(lambda: counts(diagnostics, 'transform_of_robot2_unusable') == 1, 'lie counted')
+    assert not result['map']
+    garbage.publish(convert.grid_message(map_of('robot2'), 'map', Time(sec=2)))
+    graph.until(lambda: result['transform'], 'transform after all')
+    assert_true(result['transform'][-1], 'robot1', 'robot2')
+    assert own is not None
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_a_late_joiner_is_reached_through_another_and_a_restarted_peer_again(
+        graph: Graph) -> None:
+    whole = {robot: map_of(robot) for robot in FRAMES}
+    left = cut_to_walls(whole['robot1'], 'robot1', (-1.0, -1.0), (6.5, 12.0))
+    right = cut_to_walls(whole['robot3'], 'robot3', (7.5, -1.0), (15.0, 12.0))
+    keep = [publish_map(graph, 'robot1', left), publish_map(graph, 'robot2', whole['robot2'])]
+    first = start(graph, 'robot1', '-p', 'peer_timeout:=3.0')
+    start(graph, 'robot2')
+    graph.until(lambda: first['map'], 'first global map')
+    keep.append(publish_map(graph, 'robot3', right))   # joins later
+    third = start(graph, 'robot3')
+    graph.until(lambda: any(share_of_walls(m, 'robot3', right, 'robot1') > 0.9
+                            for m in first['map'][-1:]), "robot3's walls in robot1's map")
+    graph.until(lambda: any(share_of_walls(m, 'robot1', left, 'robot1') > 0.9
+                            for m in third['map'][-1:]), "robot1's walls in robot3's map")
+    graph.assert_clean(graph.processes.stop(['robot2']))
+    first['transform'].clear()
+    graph.start('robot2 again', 'fusion_node', '/robot2', *FAST)
+    heard = listen(graph, 'robot2')['transform']
+    heard.clear()
+    graph.until(lambda: {m.child_frame_id for m in heard} == {'robot1/map', 'robot3/map'},
+                'both transforms of the restarted peer')
+    assert keep
+    graph.assert_clean(graph.processes.stop())
+
+
+def cut_to_walls(grid: Grid, robot: str, low: tuple[float, float],
+                 high: tuple[float, float]) -> Grid:
+    """Keep the part of a robot's map inside a box of the walls' own frame."""
+    straight = Grid(grid.evidence, grid.resolution, Pose.from_array(
+        between(FRAMES[robot], grid.T_frame_grid)))
+    return Grid(cut_grid(straight, low, high).evidence, grid.resolution, grid.T_frame_grid)
+
+
+def run_alone(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run fusion_node until it ends by itself."""
+    return subprocess.run([sys.executable, '-m', 'somfusion_ros.ros.fusion_node', *arguments],
+                          env=ros_environment(), capture_output=True, text=True, timeout=30)
+
+
+def test_in_the_root_namespace_without_a_name_it_refuses_to_start() -> None:
+    ended = run_alone()
+    assert ended.returncode != 0
+    assert 'robot_name' in ended.stderr
+    assert 'Traceback' not in ended.stderr
+
+
+@pytest.mark.parametrize('parameter', ['merging_rate:=-1.0', 'merging_rate:=fast',
+                                       'initial_poses:=["robot1 here"]'])
+def test_a_bad_parameter_is_said_in_one_sentence(parameter: str) -> None:
+    ended = run_alone('--ros-args', '-r', '__ns:=/robot1', '-p', parameter)
+    assert ended.returncode != 0
+    assert parameter.partition(':')[0] in ended.stderr
+    assert 'Traceback' not in ended.stderr
+
+
+def test_both_signals_end_it_also_in_the_middle_of_work(graph: Graph) -> None:
+    large = fake_grid(fake_room(60.0, 50.0), 0.025)
+    keep = [publish_map(graph, robot, large) for robot in ('robot1', 'robot2')]
+    found = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        name = number.name
+        start(graph, 'robot1')
+        pid = graph.processes.start(name, 'somfusion_ros.ros.fusion_node', [
+            '--ros-args', '-r', '__ns:=/robot1', '-r', '__node:=other', *FAST])
+        log = graph.processes.log_path(name)
+        graph.until(lambda: 'found robot2' in log.read_text(), 'the maps coming in')
+        os.kill(pid, number)
+        graph.until(lambda: name in graph.processes.ended(), f'end after {name}')
+        found[name] = graph.processes.statuses[name]
+        graph.processes.stop()
+    assert keep
+    graph.assert_clean(found)
