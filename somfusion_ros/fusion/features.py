@@ -85,6 +85,36 @@ class Raster:
 
 
 @dataclass(frozen=True, eq=False)
+class Warp:
+    """Displacements (rows, columns, 2) [m] on a lattice with its first node at `corner` [m]."""
+
+    displacements: NDArray[np.float32]
+    corner: Array
+    spacing: float
+
+    def at(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Displacement (2, ...) [m] at points (2, ...) [m] of the target's frame."""
+        flat = points.reshape(2, -1)
+        index, share = lattice_shares(flat, self.corner, self.spacing,
+                                      self.displacements.shape[:2])
+        moves = np.einsum('kni,kn->in', self.displacements.reshape(-1, 2)[index], share)
+        return moves.reshape(points.shape)
+
+
+def lattice_shares(points: Array, corner: Array, spacing: float,
+                   shape: tuple[int, int]) -> tuple[Index, NDArray[np.float32]]:
+    """Nodes (4, N) around points (2, N), clipped to the lattice, and their shares (4, N)."""
+    rows, columns = shape
+    x = np.clip((points[0] - corner[0]) / spacing, 0, columns - 1.001)
+    y = np.clip((points[1] - corner[1]) / spacing, 0, rows - 1.001)
+    column, row = x.astype(np.intp), y.astype(np.intp)
+    x, y = x - column, y - row
+    first = row * columns + column
+    index = np.stack([first, first + 1, first + columns, first + columns + 1])
+    return index, np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
+
+
+@dataclass(frozen=True, eq=False)
 class Map:
     """
     One learned map.
@@ -153,11 +183,17 @@ def match(poses: Array, source: Clusters, target: Clusters, nearest: Raster, ang
     Two agree if they lie within `reach` [m] and their norms within `angle` [rad]; norms are
     compared without sign where one of them does not know its free side.
     """
-    at = place(poses, source.centres)
+    return match_at(place(poses, source.centres), poses[:, 2], source, target, nearest, angle,
+                    reach)
+
+
+def match_at(at: NDArray[np.float32], turns: Array, source: Clusters, target: Clusters,
+             nearest: Raster, angle: float, reach: float) -> Matches:
+    """Match source clusters that lie at places (2, B, K) [m], turned by B angles [rad]."""
     other = nearest.at(at)
     agrees = other >= 0
     other = np.where(agrees, other, 0)
-    turn = np.column_stack([np.zeros((len(poses), 2)), poses[:, 2]])
+    turn = np.column_stack([np.zeros((len(turns), 2)), turns])
     mine, norms = place(turn, source.norms), target.norms.astype(np.float32).T[:, other]
     cosine = mine[0] * norms[0] + mine[1] * norms[1]
     sure = (source.sided > SURE) & (target.sided > SURE)[other]

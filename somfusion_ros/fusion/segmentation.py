@@ -64,12 +64,12 @@ def grow(cells: Cells, radius: float, delta_radius: float) -> NDArray[np.intp]:
         while starts:
             start = starts.pop()
             distance = np.hypot(*(cells - cells[start]).T)
-            open_cells = (labels < 0) | (labels == label)
-            labels[open_cells & (distance <= radius)] = label           # (1)
-            ring = open_cells & (distance <= radius) & (distance > radius - 1)          # (2)
-            if not ring.any():                                          # (3)
-                ring = open_cells & (distance <= radius) & (distance > radius - delta_radius)
-            fresh = set(np.flatnonzero(ring).tolist()) - seen
+            circle = ((labels < 0) | (labels == label)) & (distance <= radius)
+            labels[circle] = label                                                       # (1)
+            fresh = set(np.flatnonzero(circle & (distance > radius - 1.0)).tolist()) - seen   # (2)
+            if not fresh:                                                                # (3)
+                rim = circle & (distance > radius - delta_radius)
+                fresh = set(np.flatnonzero(rim).tolist()) - seen
             seen |= fresh
             starts.extend(sorted(fresh))
     return labels

@@ -9,15 +9,17 @@ direction with the least evidence is fixed (two parallel walls fit into every co
 width), how much of the smaller map lies on the other one, and the best rival.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from somfusion_ros.fusion.features import Clusters, Map, match, place, Raster
+from somfusion_ros.fusion.features import Clusters, Map, match_at, place, Warp
 from somfusion_ros.geometry import Array, inverse, rotation, wrap
 
 TOLERANCE = 0.2        # a wall within this distance of another is the same [m]
 ANGLE = np.radians(25.0)
+SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Evidence:
     matched: wall that coincides, mean of both maps [m]; ratio: matched / (matched + wall that
     the other map saw as free); overlap: share of the smaller map's free area that the other map
     knows; weak, weak_ratio: the same as matched and ratio for the direction with the least
-    evidence; V of (12) [0..1].
+    evidence, which `axis` (2,) is, in the target's frame; V of (12) [0..1].
     """
 
     matched: float
@@ -37,6 +39,12 @@ class Evidence:
     weak: float
     weak_ratio: float
     V: float
+    axis: Array
+
+    @property
+    def weak_score(self) -> float:
+        """Same as `score` for the direction with the least evidence."""
+        return self.weak_ratio * np.sqrt(self.weak)
 
     @property
     def score(self) -> float:
@@ -49,14 +57,15 @@ def scores(poses: Array, target: Map, source: Map, tolerance: float = TOLERANCE,
     """Score (B,) of hypotheses (B, 3) as `Evidence.score`, from every n-th cluster of both."""
     total = np.zeros((2, len(poses)))
     for way, seen, by in ((poses, source, target), (inverse(poses), target, source)):
-        total += _tally(way, seen.clusters.take(np.s_[::every]), by.clearance, tolerance)
+        clusters = seen.clusters.take(np.s_[::every])
+        away = by.clearance.at(place(way, clusters.centres))
+        total += _tally(away, clusters, tolerance)
     matched, against = total * every / 2.0
     return matched / (matched + against + 1.0) * np.sqrt(matched)
 
 
-def _tally(poses: Array, clusters: Clusters, clearance: Raster, tolerance: float) -> Array:
+def _tally(away: Array, clusters: Clusters, tolerance: float) -> Array:
     """Length (2, B) [m] of wall that lies on a wall, and that lies on free space."""
-    away = clearance.at(place(poses, clusters.centres))
     return np.stack([(np.abs(away) <= tolerance) @ clusters.weights,
                      (away > tolerance) @ clusters.weights])
 
@@ -73,46 +82,72 @@ def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
     return poses[kept]
 
 
-def measure(pose: Array, target: Map, source: Map, tolerance: float = TOLERANCE) -> Evidence:
-    """Take all measures of one hypothesis (3,)."""
-    pose = np.asarray(pose, dtype=float)[None]
-    matched = against = 0.0
-    info, contra = np.zeros((2, 2)), np.zeros((2, 2))
-    shares, votes = [], np.zeros(2)
-    for way, seen, by in ((pose, source, target), (inverse(pose), target, source)):
-        on, off = _tally(way, seen.clusters, by.clearance, tolerance)[:, 0]
-        matched, against = matched + on / 2.0, against + off / 2.0
-        H = _information(way, seen, by, tolerance)
-        R = rotation(pose[0, 2]) if seen is source else np.eye(2)
-        info, contra = info + R @ H[0] @ R.T / 2.0, contra + R @ H[1] @ R.T / 2.0
-        share, vote = _free_agreement(way, seen, by)
+def measure(pose: Array, target: Map, source: Map, warp: Warp | None = None,
+            tolerance: float = TOLERANCE) -> Evidence:
+    """Take all measures of one hypothesis (3,), of the source as it is or bent by a warp."""
+    T = Overlay(np.asarray(pose, dtype=float), warp)
+    length, info, votes, shares = np.zeros(2), np.zeros((2, 2, 2)), np.zeros(2), []
+    for lay, turn, seen, by in ((T.forth, T.pose[2], source, target),
+                                (T.back, -T.pose[2], target, source)):
+        length += _tally(by.clearance.at(lay(seen.clusters.centres)), seen.clusters,
+                         tolerance)[:, 0] / 2.0
+        R = rotation(T.pose[2]) if seen is source else np.eye(2)
+        info += R @ _information(lay, turn, seen, by, tolerance) @ R.T / 2.0
+        share, vote = _free_agreement(lay(seen.free), by)
         shares.append(share)
         votes += vote
-    weak, axes = np.linalg.eigh(info)
-    against_weak = float(axes[:, 0] @ contra @ axes[:, 0])
-    free = votes / max(votes.sum(), 1.0)
-    return Evidence(matched, matched / (matched + against + 1.0), max(shares), float(weak[0]),
-                    float(weak[0]) / (float(weak[0]) + against_weak + 0.5), float(free[0]))
+    (matched, against), (weak, axes) = length, np.linalg.eigh(info[0])
+    held, lost = max(float(weak[0]), 0.0), float(axes[:, 0] @ info[1] @ axes[:, 0])
+    return Evidence(matched, matched / (matched + against + 1.0), max(shares), held,
+                    held / (held + lost + 0.5), float(votes[0] / max(votes.sum(), 1.0)),
+                    axes[:, 0])
 
 
-def _information(pose: Array, seen: Map, by: Map, tolerance: float) -> Array:
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """A pose (3,) and a warp in the target's frame, applied forth and back."""
+
+    pose: Array
+    warp: Warp | None
+
+    def forth(self, points: Array) -> Array:
+        """Lay source points (K, 2) on the target: (2, 1, K)."""
+        at = place(self.pose[None], points)
+        return at if self.warp is None else at + self.warp.at(at)
+
+    def back(self, points: Array) -> Array:
+        """Lay target points (K, 2) on the source: (2, 1, K)."""
+        if self.warp is not None:
+            points = points - self.warp.at(points.T.astype(np.float32)).T
+        return place(inverse(self.pose)[None], points)
+
+
+def _information(lay: Callable[[Array], Array], turn: float, seen: Map, by: Map,
+                 tolerance: float) -> Array:
     """Sum (2, 2, 2) of w n n' over matched clusters, and over those on free space [m]."""
     clusters = seen.features
-    found = match(pose, clusters, by.features, by.nearest, ANGLE, 0.8)
+    at = lay(clusters.centres)
+    found = match_at(at, np.array([turn]), clusters, by.features, by.nearest, ANGLE, 0.8)
     on = (found.agrees & (np.abs(found.off) <= tolerance))[0]
-    off = by.clearance.at(found.at)[0] > tolerance
+    off = by.clearance.at(at)[0] > tolerance
     weight = clusters.weights * clusters.straight
     return np.stack([(clusters.norms * (weight * which)[:, None]).T @ clusters.norms
                      for which in (on, off)])
 
 
-def _free_agreement(pose: Array, seen: Map, by: Map) -> tuple[float, Array]:
-    """Share of a map's free places that the other knows; numbers (2,) that agree, disagree."""
-    away = by.clearance.at(place(pose, seen.free))[0]
+def _free_agreement(at: Array, by: Map) -> tuple[float, Array]:
+    """Share of free places (2, 1, F) that the other map knows; how many agree, disagree."""
+    away = by.clearance.at(at)[0]
     wall = np.abs(away) < 0.6 * by.clearance.resolution
-    free = away > 0
-    return float((wall | free).mean()), np.array([free.sum() - (wall & free).sum(), wall.sum()],
-                                                 dtype=float)
+    free = (away > 0) & ~wall
+    return float((wall | free).mean()), np.array([free.sum(), wall.sum()], dtype=float)
+
+
+def slides(pose: Array, axis: Array) -> Array:
+    """Poses (8, 3) beside a hypothesis (3,), along the direction (2,) that is fixed worst."""
+    steps = np.zeros((len(SLIDES), 3))
+    steps[:, :2] = np.outer(SLIDES, axis)
+    return pose + steps
 
 
 @dataclass(frozen=True)
