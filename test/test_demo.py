@@ -140,9 +140,12 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(
 
     monkeypatch.setattr(live_team, '_start', start)
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    (tmp_path / 'live').mkdir()
+    (tmp_path / 'live' / 'status.json').write_text(json.dumps(both(TRUTH)))
     with pytest.raises(live_team.LiveError, match='slam_robot1 ended early.*out of memory'):
         live_team.run_team({'robot1': FakeLog()}, tmp_path / 'live', live_team.LiveOptions())
     assert started[0].ended().keys() == {'slam_robot1', 'player_robot1'}
+    assert live_team.read_status(tmp_path / 'live')['robots'] == {}, 'of an earlier run'
 
 
 @pytest.mark.system

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import json
 from pathlib import Path
+import shutil
 import time
 from typing import Any
 
@@ -41,6 +42,8 @@ def run_team(logs: Mapping[str, Log], folder: Path, options: LiveOptions) -> dic
     Returns the witness's last status, with `statuses` of all processes; the maps as published
     lie in folder/<robot>/{map,global_map}. LiveError, with a sentence, where that fails.
     """
+    if (folder / STATUS).exists():   # of an earlier run: it must not be taken for this one's
+        shutil.rmtree(folder)
     players = [f'player_{robot}' for robot in logs]
     with Processes(folder / 'logs', node_environment()) as processes:
         _start(processes, logs, folder, options.rate)
