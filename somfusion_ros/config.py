@@ -55,8 +55,12 @@ class SlamConfig:
     loop_search_distance: float = parameter(
         2.5, 'm', 0.0, 100.0,
         'Loops are sought with old views whose surface lies this near, plus the uncertainty.')
-    loop_minimum_inlier_ratio: float = parameter(
-        0.6, 'share', 0.0, 1.0, 'A loop that explains less of the scan is not used.')
+    loop_minimum_overlap: float = parameter(
+        0.3, 'share', 0.0, 1.0, 'A loop that covers less of what was seen is not used.')
+    loop_minimum_agreement: float = parameter(
+        0.75, 'share', 0.0, 1.0,
+        'A loop is not used if fewer points than this fall on the old surface, among those that '
+        'fall on it or in space seen to be free.')
     relinearise_distance: float = parameter(
         0.2, 'm', 0.0, 100.0,
         'The whole problem is solved anew once loops moved the poses this far in sum.')

@@ -17,6 +17,7 @@ from somfusion_ros.slam.scan import Cloud
 VOXEL, POINTS_PER_VOXEL = 0.25, 40  # kiss-icp then keeps points 0.04 m apart
 FIELD_STEP = 0.05   # [m] cell of the likelihood field
 FIELD_SIGMA = 0.08  # [m] spread of the likelihood around a surface point
+FREE_STEP = 0.1     # [m] cell of the raster of free space
 FIELD_MARGIN = 0.5  # [m] of empty field around the points
 
 
@@ -27,18 +28,19 @@ class LocalMap:
     Tree and field are built on first use; the map is never changed after.
     """
 
-    def __init__(self, points: Array, normals: Array) -> None:
-        self.points, self.normals = points, normals
+    def __init__(self, points: Array, normals: Array, rims: Sequence[Array] = ()) -> None:
+        self.points, self.normals, self._rims = points, normals, rims
 
     @classmethod
     def of_views(cls, clouds: Sequence[Cloud], poses: Sequence[Array]) -> 'LocalMap':
         """Put clouds together, each at its pose (3,) in the local map's frame."""
-        points, normals = [np.empty((0, 2))], [np.empty((0, 2))]
+        points, normals, rims = [np.empty((0, 2))], [np.empty((0, 2))], []
         for view, pose in zip(clouds, poses, strict=True):
             R = rotation(pose[2])
             points.append(view.points @ R.T + pose[:2])
             normals.append(view.normals @ R.T)
-        return cls(np.concatenate(points), np.concatenate(normals))
+            rims.append(view.rim @ R.T + pose[:2])
+        return cls(np.concatenate(points), np.concatenate(normals), rims)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -56,6 +58,19 @@ class LocalMap:
         voxels._add_points(lift(self.points))
         return voxels
 
+    def seen_through(self, points: Array) -> NDArray[np.bool_]:
+        """Tell which points (N, 2) lie in space that the views' beams passed."""
+        mask, corner = self._free
+        cells = np.floor((points - corner) / FREE_STEP).astype(np.intp)
+        inside = ((cells >= 0) & (cells < mask.shape[::-1])).all(1)
+        cells = np.where(inside[:, None], cells, 0)
+        return inside & (mask[cells[:, 1], cells[:, 0]] > 0)
+
+    @cached_property
+    def _free(self) -> tuple[NDArray[np.uint8], Array]:
+        """Raster of the space that the beams passed, and its corner [m]."""
+        return _fill(self._rims)
+
     @cached_property
     def field(self) -> tuple[NDArray[np.float32], Array]:
         """Likelihood (H, W) in [0, 1] by distance to the nearest point, and its corner [m]."""
@@ -71,3 +86,15 @@ class LocalMap:
 def lift(points: Array) -> object:
     """Planar points (N, 2) as kiss-icp's vector of 3-D points with z = 0."""
     return kiss_icp_pybind._Vector3dVector(np.column_stack([points, np.zeros(len(points))]))
+
+
+def _fill(rims: Sequence[Array]) -> tuple[NDArray[np.uint8], Array]:
+    """Mask (H, W) of the cells of FREE_STEP that polygons (M, 2) cover, and its corner [m]."""
+    rims = [rim for rim in rims if len(rim)] or [np.zeros((1, 2))]
+    every = np.concatenate(rims)
+    corner = every.min(0)
+    size = np.ceil((every.max(0) - corner) / FREE_STEP).astype(int) + 1
+    mask = np.zeros(size[::-1], np.uint8)
+    for rim in rims:
+        cv2.fillPoly(mask, [np.rint((rim - corner) / FREE_STEP - 0.5).astype(np.int32)], 1)
+    return mask, corner

@@ -22,11 +22,17 @@ from somfusion_ros.slam.matching import Match, refine, register
 from somfusion_ros.slam.scan import Cloud
 
 NEIGHBOURS = 4           # views on each side of an old view that make its local map
+RECENT_VIEWS = 4         # newest views that are matched together
+THINNING = 0.1           # [m] edge of a square that keeps one of their points
 CANDIDATES = 2           # old passes that a new view is matched against
 CHI2 = 16.3              # 99.9 % of chi-square with 3 degrees of freedom
-SURE = (0.25, 0.06)      # [m] [rad] sigma up to which a match at the seed is no question
+SURE = (0.25, 0.06)      # [m] [rad] sigma up to which a match needs no partners
+NEAR = (0.06, 0.02)      # [m] [rad] sigma up to which a match needs no search
 WINDOW = (4.0, 0.6)      # [m] [rad] the widest search
-PARTNERS = 2             # other loops that must agree with a far one
+UNIQUE = 0.92            # share of the score that no rival may reach
+ON_SURFACE, CONFLICT = 0.12, 0.2  # [m] from the old surface: on it; off it
+PARTNERS = 2             # other loops that must agree with one found from afar
+PARTNERS_NEAR = 1        # and with one that the filter is surer of than it should be
 AGREE = (0.25, 0.05)     # [m] [rad] between two agreeing loops, plus what the odometry drifts
 RECENT = 25              # views within which loops are compared
 
@@ -42,10 +48,10 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A matched candidate: the relation, its quality, and whether it needs partners."""
+    """A matched candidate: the relation, how well it agrees, and whether it needs partners."""
 
     relation: Relation
-    inlier_ratio: float
+    agreement: float
     sure: bool
 
 
@@ -90,19 +96,51 @@ def local_map(old: int, newest: int, poses: Array, clouds: list[Cloud]) -> Local
     return LocalMap.of_views([clouds[k] for k in near], list(between(poses[old], poses[near])))
 
 
+def recent(new: int, poses: Array, clouds: list[Cloud]) -> Cloud:
+    """
+    What the newest views saw together, in the frame of view `new`.
+
+    One scan of a short-range laser shows too little to know a place by.
+    """
+    near = np.arange(max(0, new - RECENT_VIEWS + 1), new + 1)
+    seen = LocalMap.of_views([clouds[k] for k in near], list(between(poses[new], poses[near])))
+    _, first = np.unique(np.floor(seen.points / THINNING).astype(int), axis=0, return_index=True)
+    first.sort()
+    return Cloud(seen.points[first], seen.normals[first], np.zeros(2), np.zeros((0, 2)))
+
+
 def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config: SlamConfig
           ) -> Loop | None:
     """Match a view against a candidate's local map; None where the match is poor."""
     if len(cloud) < 20 or len(target) < 20:
         return None
     sigma = candidate.sigma
-    sure = bool((sigma[:2] < SURE[0]).all() and sigma[2] < SURE[1])
-    found = _match_near(candidate, cloud, target) if sure else _match_far(
-        candidate, cloud, target)
-    if found is None or found.inlier_ratio < config.loop_minimum_inlier_ratio:
+    sure, near = (bool((sigma[:2] < limit[0]).all() and sigma[2] < limit[1])
+                  for limit in (SURE, NEAR))
+    found = (_match_near(candidate, cloud, target) if near else
+             _match_far(candidate, cloud, target, 1.0 if sure else UNIQUE))
+    if found is None or found.inlier_ratio < config.loop_minimum_overlap:
+        return None
+    agreement = agreement_of(found, cloud, target)
+    if agreement < config.loop_minimum_agreement:
         return None
     return Loop(Relation(candidate.old, new, found.T_map_scan, found.covariance),
-                found.inlier_ratio, sure)
+                agreement, sure)
+
+
+def agreement_of(found: Match, cloud: Cloud, target: LocalMap) -> float:
+    """
+    Share of the judged points that lie on the old surface.
+
+    Judged are those that lie on it and those in space that the old views saw to be free; what
+    the old views never saw says nothing.
+    """
+    p = apply(found.T_map_scan, cloud.points)
+    distance, _ = target.tree.query(p, distance_upper_bound=CONFLICT)
+    far = ~np.isfinite(distance)
+    on = int((distance < ON_SURFACE).sum())
+    against = int((far & target.seen_through(p)).sum())
+    return on / max(on + against, 1)
 
 
 def _match_near(candidate: Candidate, cloud: Cloud, target: LocalMap) -> Match:
@@ -110,12 +148,13 @@ def _match_near(candidate: Candidate, cloud: Cloud, target: LocalMap) -> Match:
     return register(cloud, target, candidate.expected)
 
 
-def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap) -> Match | None:
+def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap, unique: float
+               ) -> Match | None:
     """Search the 3-sigma window first; None where another pose scores nearly as well."""
-    reach = float(np.clip(3.0 * candidate.sigma[:2].max(), 0.4, WINDOW[0]))
-    turn = float(np.clip(3.0 * candidate.sigma[2], 0.15, WINDOW[1]))
+    reach = float(np.clip(0.4 + 3.0 * candidate.sigma[:2].max(), 0.0, WINDOW[0]))
+    turn = float(np.clip(0.15 + 3.0 * candidate.sigma[2], 0.0, WINDOW[1]))
     peak = search(cloud, target, candidate.expected, reach, turn)
-    if peak.rival > 0.92 * peak.score:
+    if peak.rival > unique * peak.score:
         return None
     return refine(cloud, target, peak.pose)
 
@@ -138,7 +177,7 @@ class LoopClosure:
                          if loop.relation.second - p.relation.second <= RECENT]
         partners = [p for p in self._pending if agree(p.relation, loop.relation, ekf)]
         self._pending.append(loop)
-        if len(partners) < PARTNERS:
+        if len(partners) < (PARTNERS_NEAR if loop.sure else PARTNERS):
             self.rejected += 1
             return []
         together = [*partners, loop]

@@ -97,10 +97,11 @@ class Slam:
             new = self._to_close.popleft()
             targets = loops.candidates(new, self._ekf, np.array(self._centres), self.config)
             poses = self._ekf.poses.copy()
+        seen = loops.recent(new, poses, self._clouds) if targets else None
         for target in targets:
             around = loops.local_map(target.old, new - self.config.loop_minimum_gap,
                                      poses, self._clouds)
-            found = loops.match(target, new, self._clouds[new], around, self.config)
+            found = loops.match(target, new, seen, around, self.config)
             if found is None:
                 self.counters['loops_rejected'] += 1
             else:
