@@ -34,7 +34,8 @@ DURATION = 75.0   # [s] of the simulated drives
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration; return 0 if it succeeded, 1 if not, 2 on bad usage or input."""
     options = parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(130))   # leave every block in order
+    for number in (signal.SIGINT, signal.SIGTERM):   # leave every block in order
+        signal.signal(number, signal.default_int_handler)
     try:
         demonstrate(options)
     except LiveError as error:
