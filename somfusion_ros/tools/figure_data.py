@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9')
 BOTH, FREE, UNKNOWN, WALL = '#222222', '#EEF1F4', '#FFFFFF', '#222222'
 AGREEMENT, AGREEMENT_PALE, CONFLICT, ONE = '#009E73', '#D5EFE6', '#D0021B', '#9AA3AB'
-FINEST = 900   # cells along a side beyond which walls are drawn a cell wider
+PIXELS = 450    # of a panel along a side; walls are drawn at least one wide
+STRAY = 0.001   # share of wall cells that a figure may leave out
 
 Extent = tuple[float, float, float, float]
 Picture = tuple[NDArray[np.float64], Extent]
@@ -54,24 +55,21 @@ class PairData:
         return self.trace.alignment.T_target_source
 
 
-def bounds(grids: Sequence[Grid], poses: Sequence[Pose], margin: float = 0.5) -> Extent:
-    """Left, right, bottom, top [m] of the known cells of placed maps."""
-    outlines = [(pose, _known_outline(grid)) for grid, pose in zip(grids, poses)]
-    points = [apply(pose, outline) for pose, outline in outlines if len(outline)]
-    if not points:
+def bounds(grids: Sequence[Grid], poses: Sequence[Pose], margin: float = 1.0) -> Extent:
+    """
+    Left, right, bottom, top [m] of the walls of placed maps.
+
+    One wall cell in a thousand may lie outside: far stray returns would shrink all the rest.
+    """
+    boxes = []
+    for grid, pose in zip(grids, poses):
+        points = apply(pose, grid.points(grid.occupied))
+        if len(points):
+            boxes.append(np.quantile(points, (STRAY, 1.0 - STRAY), axis=0))
+    if not boxes:
         return (-1.0, 1.0, -1.0, 1.0)
-    every = np.concatenate(points)
-    (left, bottom), (right, top) = every.min(0) - margin, every.max(0) + margin
+    (left, bottom), (right, top) = np.min(boxes, (0, 1)) - margin, np.max(boxes, (0, 1)) + margin
     return float(left), float(right), float(bottom), float(top)
-
-
-def _known_outline(grid: Grid) -> Array:
-    """Outermost known cells (N, 2) [m] of every row: enough for bounds however it is turned."""
-    known = grid.known
-    rows = np.flatnonzero(known.any(1))
-    first = known[rows].argmax(1)
-    last = known.shape[1] - 1 - known[rows, ::-1].argmax(1)
-    return grid.cell_to_point(np.column_stack([np.tile(rows, 2), np.concatenate([first, last])]))
 
 
 def raster(extent: Extent, resolution: float) -> tuple[Array, tuple[int, int], Extent]:
@@ -148,10 +146,10 @@ def agreement_picture(data: PairData, verdict: NDArray[np.int8]) -> Picture:
 
 
 def thick(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Widen walls of a large picture, which would else vanish on paper."""
-    if max(mask.shape) <= FINEST // 2:
+    """Widen walls of a large picture, which would else fade on paper."""
+    size = round(max(mask.shape) / PIXELS)
+    if size <= 1:
         return mask
-    size = 2 if max(mask.shape) <= FINEST else 3
     return cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
 
 

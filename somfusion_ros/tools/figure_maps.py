@@ -13,6 +13,7 @@ from somfusion_ros.tools.figure_data import COLOURS, map_picture, PairData, Pict
 
 PALE = '#CFD4D9'
 SIDES = ('target', 'source')
+READABLE, DETAIL = 600, 8.0   # clusters that a figure can hold; half the side of a detail [m]
 RADON_STEP = 0.1   # [m] of an offset in the trace's Radon image
 
 
@@ -71,9 +72,14 @@ def draw_segments(axes: Axes, data: PairData, side: int) -> None:
 
 
 def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
-    """Draw the neurons of the SOM and their point norms (Fig. 4)."""
+    """Draw the neurons of the SOM and their point norms (Fig. 4), of a large map a detail."""
     found = _map_trace(data, side)
     show(axes, picture(data, side, PALE), '')
+    detail = len(found.clusters) > READABLE
+    if detail:
+        x, y = detail_centre(found.clusters)
+        axes.set_xlim(x - DETAIL, x + DETAIL)
+        axes.set_ylim(y - DETAIL, y + DETAIL)
     known = np.hypot(*found.norms.T) > 0.5 if len(found.norms) else np.zeros(0, bool)
     axes.plot(found.clusters[~known, 0], found.clusters[~known, 1], '.', color='#7A828A',
               markersize=2)
@@ -83,7 +89,14 @@ def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
                 angles='xy', scale_units='xy', scale=1.0 / length, width=0.0024, headwidth=4,
                 zorder=2)
     axes.plot(at[:, 0], at[:, 1], '.', color='black', markersize=1.5, zorder=3)
-    axes.set_title(f'{len(found.clusters)} clusters of {label(data, side)}')
+    axes.set_title(f'{len(found.clusters)} clusters of {label(data, side)}'
+                   + (', detail' if detail else ''))
+
+
+def detail_centre(clusters: Array) -> Array:
+    """Find the cluster (2,) around which a detail shows most of them."""
+    near = np.abs(clusters[::5, None] - clusters[None]).max(-1) < DETAIL
+    return clusters[::5][near.sum(1).argmax()]
 
 
 def draw_radon(axes: Axes, data: PairData, side: int) -> None:
