@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtri
 
 from somfusion_ros.fusion.pose_graph import component, Estimate, Graph, optimise
 from somfusion_ros.geometry import Array, Pose
@@ -135,7 +135,7 @@ def _consistent(members: list[str], edges: list[Edge]) -> tuple[Estimate, list[D
 def _gate(graph: Graph) -> float:
     """Chi-square that the cycles of a graph may sum up to."""
     freedom = 3 * (len(graph.pairs) - graph.nodes + 1)
-    return float(chi2_distribution.ppf(CONTRADICTION, freedom)) if freedom else np.inf
+    return float(chdtri(freedom, 1.0 - CONTRADICTION)) if freedom else np.inf
 
 
 def _worst_edge(graph: Graph, edges: list[Edge]) -> int:

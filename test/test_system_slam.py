@@ -1,0 +1,281 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""slam_node as a process on a real middleware, driven through a room whose walls are known."""
+
+from array import array
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import signal
+from typing import Any
+
+from helpers import (fake_grid, fake_odometry, fake_room, fake_scan, fake_trajectory, need_ros,
+                     pose_error)
+import numpy as np
+import pytest
+from somfusion_ros.fusion.pair import missing_walls
+from somfusion_ros.geometry import Array, between, compose, Pose
+from somfusion_ros.grid import Grid
+
+need_ros()
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped  # noqa: E402
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path as PathMessage  # noqa: E402
+from nav_msgs.srv import GetMap  # noqa: E402
+from ros_graph import Graph, ros_graph  # noqa: E402
+from sensor_msgs.msg import JointState, LaserScan  # noqa: E402
+from somfusion_ros.ros import conversions as convert, qos  # noqa: E402
+from somfusion_ros.tools.maps import read_map  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+pytestmark = pytest.mark.system
+WALLS = fake_room()
+ROUND = np.array([[1.5, 1.5], [4.5, 1.0], [6.8, 1.2], [6.8, 3.0], [4.5, 3.0], [2.0, 3.0],
+                  [1.5, 5.0], [1.5, 2.0]])
+OTHER_ROUND = np.array([[6.0, 5.0], [5.0, 4.5], [4.9, 3.0], [2.5, 2.5], [1.6, 4.8], [1.5, 1.2],
+                        [6.5, 1.0]])
+MOUNT = Pose(0.12, 0.0, 0.1)
+FAST = ('-p', 'map_update_interval:=0.5', '-p', 'laser_pose:=[0.12,0.0,0.1]')
+WINDOW = 20    # scans on the way at once; the subscription is best effort
+BEAMS = 257
+RADIUS, SEPARATION = 0.08, 0.35
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """Give a graph that ends with the test."""
+    with ros_graph(tmp_path) as made:
+        yield made
+
+
+class Robot:
+    """A simulated robot: publishes scans and odometry, and hears what its slam_node says."""
+
+    def __init__(self, graph: Graph, name: str, way: Array) -> None:
+        self.graph, self.name, self.sent = graph, name, 0
+        self.stamps, self.truth = fake_trajectory(way)
+        self.stamps = self.stamps + 10.0
+        self.odometry = fake_odometry(self.truth)
+        make = graph.node.create_publisher
+        self._scan = make(LaserScan, f'/{name}/scan', qos.REPLAY)
+        self._odom = make(Odometry, f'/{name}/odom', qos.REPLAY)
+        self._joints = make(JointState, f'/{name}/joint_states', qos.REPLAY)
+        self.poses = graph.hear(PoseWithCovarianceStamped, f'/{name}/pose', qos.STREAM)
+        self.maps = graph.hear(OccupancyGrid, f'/{name}/map', qos.LATCHED)
+
+    def start(self, *arguments: str) -> None:
+        """Start the node and wait until it listens."""
+        self.graph.start(f'slam {self.name}', 'slam_node', f'/{self.name}', *FAST, *arguments)
+        self.graph.until(lambda: self._scan.get_subscription_count()
+                         and (self._odom.get_subscription_count()
+                              or self._joints.get_subscription_count())
+                         and self.graph.node.count_publishers(f'/{self.name}/pose'),
+                         'slam_node listening')
+        self.drive_until_heard()
+
+    def drive_until_heard(self) -> None:
+        """Stand still until the first scan is heard: the node may know us later than we do it."""
+        waited = iter(np.arange(self.stamps[0] - 5.0, self.stamps[0] - 0.01, 0.002))
+
+        def heard() -> bool:
+            stamp = next(waited)
+            self.publish_odometry(0, stamp)
+            self.publish(0, stamp=stamp)
+            return bool(self.poses)
+        self.graph.until(heard, 'first pose')
+        self.publish_odometry(0)
+        self.sent = 1
+
+    def drive(self, last: int) -> None:
+        """Drive on up to a scan, and wait until the node has followed."""
+        for i in range(self.sent, last):
+            self.publish_odometry(i)
+            self.publish(i)
+            # A best-effort sample may be lost where the machine is held up: do not wait for it.
+            self.graph.until(lambda: len(self.poses) > i - WINDOW - 5, f'pose {i - WINDOW}')
+        self.sent = last
+        self.graph.until(lambda: self.last_stamp() >= self.stamps[last - 1] - 0.11,
+                         f'pose at {self.stamps[last - 1]:.1f} s')
+
+    def last_stamp(self) -> float:
+        """Stamp [s] of the newest pose heard."""
+        return convert.seconds(self.poses[-1].header.stamp)
+
+    def publish_odometry(self, i: int, stamp: float | None = None) -> None:
+        """Publish odometry, and wheels that did the same."""
+        message = Odometry()
+        message.header.stamp = convert.time_message(self.stamps[i] if stamp is None else stamp)
+        message.pose.pose = convert.pose_message(self.odometry[i])
+        self._odom.publish(message)
+        steps = between(self.odometry[:-1], self.odometry[1:])[:i]
+        travel, turn = np.hypot(steps[:, 0], steps[:, 1]).sum(), steps[:, 2].sum()
+        wheels = JointState(name=['left_wheel_joint', 'right_wheel_joint'], position=[
+            float(travel - 0.5 * SEPARATION * turn) / RADIUS,
+            float(travel + 0.5 * SEPARATION * turn) / RADIUS])
+        wheels.header.stamp = message.header.stamp
+        self._joints.publish(wheels)
+
+    def publish(self, i: int, ranges: list[float] | None = None, stamp: float | None = None
+                ) -> None:
+        """Publish a scan, or one with other ranges or another stamp."""
+        scan = fake_scan(WALLS, self.truth[i], beams=BEAMS, T_base_laser=MOUNT)
+        message = LaserScan(angle_min=scan.angle_min, angle_increment=scan.angle_increment,
+                            range_min=scan.range_min, range_max=scan.range_max,
+                            ranges=array('f', scan.ranges if ranges is None else ranges))
+        message.header.stamp = convert.time_message(self.stamps[i] if stamp is None else stamp)
+        message.header.frame_id = 'laser'
+        self._scan.publish(message)
+
+    def true_pose(self, i: int) -> Array:
+        """Give the true pose in the robot's map frame, tied to the truth where the drive began."""
+        first = convert.pose_from_message(self.poses[0].pose.pose)
+        return compose(first, between(self.truth[0], self.truth[i]))
+
+    def assert_on_course(self, metres: float = 0.15) -> None:
+        """Check the newest pose against the truth."""
+        i = int(np.argmin(np.abs(self.stamps - self.last_stamp())))
+        error = pose_error(convert.pose_from_message(self.poses[-1].pose.pose), self.true_pose(i))
+        assert error[0] < metres, f'{error[0]:.2f} m off'
+        assert error[1] < np.radians(3.0)
+
+    def true_map(self) -> Grid:
+        """Draw the walls in the robot's map frame."""
+        first = convert.pose_from_message(self.poses[0].pose.pose)
+        return fake_grid(WALLS, T_map_walls=Pose.from_array(
+            compose(first, between(self.truth[0], Pose()))))
+
+
+def grid(message: OccupancyGrid) -> Grid:
+    """Convert a map that must be good."""
+    return convert.grid_from_message(message, 10 ** 7)
+
+
+def values_of(messages: list[DiagnosticArray]) -> dict[str, str]:
+    """Read the newest diagnostics."""
+    return {v.key: v.value for v in messages[-1].status[0].values} if messages else {}
+
+
+def test_a_room_is_mapped_and_every_interface_serves(graph: Graph, tmp_path: Path) -> None:
+    robot = Robot(graph, 'robot1', ROUND)
+    paths = graph.hear(PathMessage, '/robot1/path', qos.LATEST)
+    metadata = graph.hear(MapMetaData, '/robot1/map_metadata', qos.LATCHED)
+    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
+    robot.start('-p', f'map_directory:={tmp_path}')
+    robot.drive(len(robot.stamps))
+    robot.assert_on_course()
+    covariance = convert.planar_covariance(robot.poses[-1].pose.covariance)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    assert robot.poses[-1].header.frame_id == 'map'
+
+    graph.until(lambda: robot.maps and robot.maps[-1].header.stamp == robot.poses[-1].header.stamp,
+                'the last map')
+    drawn, true = grid(robot.maps[-1]), robot.true_map()
+    assert missing_walls(drawn, true) < 0.1    # nearly no wall that is not there
+    assert missing_walls(true, drawn) < 0.35   # and few that are missing, as seen from one round
+    graph.until(lambda: paths and len(paths[-1].poses) >= 10, 'path')
+    assert metadata[-1].width == robot.maps[-1].info.width
+    graph.until(lambda: values_of(diagnostics).get('views'), 'diagnostics')
+    values = values_of(diagnostics)
+    assert {'scans_per_s', 'ms_per_scan', 'age_of_odometry_s', 'pose_sigma_x_m', 'views',
+            'matches_accepted'} <= values.keys()
+
+    assert np.array_equal(grid(graph.call(GetMap, '/robot1/dynamic_map').map).evidence,
+                          drawn.evidence)
+    saved = graph.call(Trigger, '/robot1/slam_node/save_map')
+    assert saved.success, saved.message
+    assert missing_walls(read_map(tmp_path / 'map.yaml'), true) < 0.1
+    assert graph.call(Trigger, '/robot1/slam_node/reset').success
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_wheel_encoders_serve_as_odometry(graph: Graph) -> None:
+    robot = Robot(graph, 'robot1', ROUND)
+    robot.start('-p', 'odometry_source:=encoders', '-p', f'wheel_radius:={RADIUS}',
+                '-p', f'wheel_separation:={SEPARATION}')
+    robot.drive(120)
+    robot.assert_on_course()
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_bad_input_is_counted_and_the_drive_goes_on(graph: Graph) -> None:
+    robot = Robot(graph, 'robot1', ROUND)
+    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
+    robot.start()
+    robot.drive(30)
+    nan, inf = float('nan'), float('inf')
+    spoiled = [[], [nan] * BEAMS, [inf] * BEAMS, [-inf] * BEAMS, [0.0] * BEAMS, [nan], [1e30] * 9]
+    for n, ranges in enumerate(spoiled):
+        robot.publish(29, ranges, robot.stamps[29] + 0.001 * (n + 1))
+    for stamp in (0.0, 1.0, robot.stamps[29], robot.stamps[5], 2e9):
+        robot.publish(29, stamp=stamp)
+    odometry = Odometry()
+    odometry.pose.pose.position.x = nan
+    robot._odom.publish(odometry)
+    odometry.pose.pose.position.x = 0.0
+    odometry.header.stamp = convert.time_message(2e9)
+    robot._odom.publish(odometry)
+    robot.drive(90)
+    robot.assert_on_course()
+    graph.until(lambda: {'odometry_not_finite', 'scan_stamps_stray', 'odometry_stamps_stray',
+                         'scan_empty'} <= values_of(diagnostics).keys(), 'faults counted')
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_time_set_back_does_not_stop_a_robot(graph: Graph) -> None:
+    robot = Robot(graph, 'robot1', ROUND)
+    robot.start()
+    robot.drive(40)
+    robot.stamps = robot.stamps - 9.0
+    heard = len(robot.poses)
+    for i in range(40, 80):
+        robot.publish_odometry(i)
+        robot.publish(i)
+    graph.until(lambda: len(robot.poses) > heard + 25, 'poses after the jump')
+    graph.until(lambda: robot.last_stamp() >= robot.stamps[79] - 0.11, 'the last scan')
+    robot.assert_on_course()
+    graph.assert_clean(graph.processes.stop())
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
+def test_a_signal_in_the_middle_of_work_ends_it_cleanly(number: int, graph: Graph) -> None:
+    robot = Robot(graph, 'robot1', ROUND)
+    pid: list[int] = []
+    launch = graph.processes.start
+    graph.processes.start = lambda *given: pid.append(launch(*given))
+    robot.start('-p', 'map_update_interval:=0.1')
+    for i in range(1, 100):   # more than it can have done when the signal comes
+        robot.publish_odometry(i)
+        robot.publish(i)
+    os.kill(pid[0], number)
+    name = 'slam robot1'
+    ended = graph.until(lambda: name in graph.processes.statuses and graph.processes.statuses
+                        or graph.processes.ended(), 'the end')
+    graph.assert_clean(ended)
+
+
+def test_two_robots_four_processes_one_global_map(graph: Graph) -> None:
+    robots = [Robot(graph, 'robot1', ROUND), Robot(graph, 'robot2', OTHER_ROUND)]
+    results: dict[str, dict[str, list[Any]]] = {}
+    for robot in robots:
+        graph.start(f'fusion {robot.name}', 'fusion_node', f'/{robot.name}', '-p',
+                    'estimation_rate:=2.0')
+        results[robot.name] = {
+            'map': graph.hear(OccupancyGrid, f'/{robot.name}/global_map', qos.LATCHED),
+            'transform': graph.hear(TransformStamped, f'/{robot.name}/relative_transforms',
+                                    qos.LATCHED_PER_PAIR)}
+        robot.start()
+    for part in (0.25, 0.5, 0.75, 1.0):
+        for robot in robots:
+            robot.drive(int(part * len(robot.stamps)))
+    frames = [Pose.from_array(robot.true_map().T_frame_grid) for robot in robots]
+    truth = compose(frames[0], between(frames[1], Pose()))   # map of robot2 in that of robot1
+
+    def right() -> bool:
+        found = results['robot1']['transform'][-1:]
+        return any(pose_error(convert.transform_from_message(t), truth)[0] < 0.15 for t in found)
+    graph.until(right, 'the right transform')
+    for name in results:
+        graph.until(lambda: results[name]['map'], f'global map of {name}')
+        assert results[name]['map'][-1].header.frame_id == 'world'
+    graph.assert_clean(graph.processes.stop())
