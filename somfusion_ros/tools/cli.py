@@ -62,7 +62,7 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
     command.add_argument('--wheel-radius', type=_positive, metavar='M', help='for encoders [m]')
     command.add_argument('--wheel-separation', type=_positive, metavar='M',
                          help='for encoders [m]')
-    command.add_argument('--resolution', type=_positive, metavar='M', default=0.05,
+    command.add_argument('--resolution', type=_positive, metavar='M',
                          help='edge of a map cell [m] (default 0.05)')
     command.add_argument('--jobs', type=_count, metavar='N',
                          help='robots at work at once (default: one per core)')
@@ -120,7 +120,10 @@ def _add_output(command: argparse.ArgumentParser) -> None:
 
 def _add_fusion(command: argparse.ArgumentParser) -> None:
     """Add what replay and merge share."""
-    command.add_argument('--method', choices=['som', 'paper'], default='som',
+    command.add_argument('--parameters', action='append', default=[], metavar='YAML',
+                         help='parameter file of the nodes, such as config/slam.yaml; may be '
+                              'given again')
+    command.add_argument('--method', choices=['som', 'paper'],
                          help='som: many hypotheses and a verdict; paper: the literal IROS 2011 '
                               'method (default som)')
     command.add_argument('--seed', type=int, default=0, help='of the merge (default 0)')
@@ -131,11 +134,14 @@ def _replay(options: argparse.Namespace) -> None:
     """Run `replay`."""
     from somfusion_ros.config import FusionConfig, SlamConfig
     from somfusion_ros.tools.bags import BagOptions
+    from somfusion_ros.tools.parameter_file import make, read_parameters
     from somfusion_ros.tools.replay import replay, ReplayOptions
+    values = read_parameters(options.parameters)
     bags = BagOptions(options.scan_topic, options.odom_topic, options.odometry_source,
                       options.laser_pose, options.wheel_radius, options.wheel_separation)
     replay(options.bags, options.output, ReplayOptions(
-        bags, SlamConfig(resolution=options.resolution), FusionConfig(method=options.method),
+        bags, make(SlamConfig, values, **_given(resolution=options.resolution)),
+        make(FusionConfig, values, **_given(method=options.method)),
         options.seed, options.jobs, not options.no_report))
 
 
@@ -143,8 +149,15 @@ def _merge(options: argparse.Namespace) -> None:
     """Run `merge`."""
     from somfusion_ros.config import FusionConfig
     from somfusion_ros.tools.merge import merge
-    merge(options.maps, options.output, FusionConfig(method=options.method), options.seed,
-          not options.no_report)
+    from somfusion_ros.tools.parameter_file import make, read_parameters
+    values = read_parameters(options.parameters)
+    config = make(FusionConfig, values, **_given(method=options.method))
+    merge(options.maps, options.output, config, options.seed, not options.no_report)
+
+
+def _given(**values: object) -> dict[str, object]:
+    """Keep the options that were given."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _simulate(options: argparse.Namespace) -> None:

@@ -4,6 +4,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 import time
 from typing import Any
@@ -24,7 +25,7 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
 
     Raises MapError, with one line, where a map or the folder cannot be used.
     """
-    started = time.perf_counter()
+    started, config = time.perf_counter(), config or FusionConfig()
     if len(paths) < 2:
         raise MapError('merge needs at least two maps')
     names = map_names([Path(path) for path in paths])
@@ -35,9 +36,9 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     fusion = fuse(grids, config, seed, traced=pictures)
     write_map(folder, fusion.global_map)
     robots = {name: {'map': str(path)} for name, path in zip(names, paths)}
-    record = {'command': 'merge', 'version': __version__, 'seed': seed, 'robots': robots,
-              **fusion_record(fusion), 'map': 'map.yaml',
-              'seconds': time.perf_counter() - started}
+    record = {'command': 'merge', 'version': __version__, 'seed': seed,
+              'fusion_config': asdict(config), 'robots': robots, **fusion_record(fusion),
+              'map': 'map.yaml', 'seconds': time.perf_counter() - started}
     write_result(folder, record)
     tell_fusion(record, str(folder / 'map.yaml'))
     if pictures:

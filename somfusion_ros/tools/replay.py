@@ -3,7 +3,7 @@
 """`somfusion replay`: bags in; per robot a map and a trajectory, for a team the global map."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 import time
 from typing import Any
@@ -58,6 +58,7 @@ def replay(bags: Sequence[str | Path], output: str | Path,
                   traced=options.pictures)
     write_map(folder, fusion.global_map)
     record = {'command': 'replay', 'version': __version__, 'seed': options.seed,
+              'fusion_config': asdict(options.fusion),
               'robots': robots, **fusion_record(fusion), 'map': 'map.yaml',
               'seconds': time.perf_counter() - started}
     write_result(folder, record)

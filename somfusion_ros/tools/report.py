@@ -21,6 +21,7 @@ from somfusion_ros.tools.figure_data import PairData
 from somfusion_ros.tools.figure_team import draw_team
 from somfusion_ros.tools.figure_verdict import draw_verdict
 from somfusion_ros.tools.maps import MapError
+from somfusion_ros.tools.parameter_file import make
 from somfusion_ros.tools.result import pose_of, read_evidence, read_result
 from somfusion_ros.tools.trajectories import read_tum
 
@@ -61,7 +62,7 @@ def report(folder: str | Path) -> Path:
     from somfusion_ros.fusion.alignment import trace
     folder = Path(folder)
     record = read_result(folder)
-    config = FusionConfig(method=record.get('method', 'som'))
+    config = make(FusionConfig, record.get('fusion_config', {}))
     grids = {name: read_evidence(folder / name) for name in record['robots']}
     traces = {}
     with progress_bar('aligning', len(record['pairs']), 'pair') as bar:

@@ -7,6 +7,7 @@ import multiprocessing
 from multiprocessing.connection import Connection, wait
 import os
 import time
+import traceback
 from typing import Any
 
 from somfusion_ros.config import SlamConfig
@@ -77,6 +78,8 @@ def _receive(connection: Connection, log: Log) -> tuple[str, Any]:
                        '(out of memory?)') from None
     if kind == 'error':
         raise BagError(value)
+    if kind == 'crash':
+        raise RuntimeError(f'{log.path}: the SLAM failed\n{value}')
     return kind, value
 
 
@@ -98,4 +101,6 @@ def _work(connection: Connection, log: Log, config: SlamConfig | None) -> None:
     except BagError as error:
         connection.send(('error', str(error)))
     except KeyboardInterrupt:
-        pass
+        pass   # the parent got it, too, and speaks for all
+    except Exception:
+        connection.send(('crash', traceback.format_exc()))
