@@ -5,9 +5,9 @@
 from helpers import cut_grid, fake_grid, fake_room, pose_error
 import numpy as np
 import pytest
-from somfusion_ros.fusion.alignment import Alignment
+from somfusion_ros.fusion.alignment import Alignment, RunnerUp
 from somfusion_ros.fusion.members import begun_anew, Team
-from somfusion_ros.fusion.pair import ANY_CHANGE_AFTER, change, Pair, REFUSALS, same_pose
+from somfusion_ros.fusion.pair import change, Pair, REFUSALS, same_pose, SOON, TIME_SHARE
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
 
@@ -22,9 +22,10 @@ def copy_of(grid: Grid) -> Grid:
     return Grid(grid.evidence.copy(), grid.resolution, grid.T_frame_grid)
 
 
-def verdict(pose: Pose | None, probability: float = 0.97) -> Alignment:
-    """Make an alignment that is accepted at 0.95."""
-    return Alignment(probability >= 0.95, probability, f'probability {probability}', pose)
+def verdict(pose: Pose | None, probability: float = 0.97, rival: float = 0.1) -> Alignment:
+    """Make an alignment that is accepted at 0.95, with a rival somewhere else."""
+    return Alignment(probability >= 0.95, probability, f'probability {probability}', pose,
+                     runner_up=RunnerUp(Pose(), rival))
 
 
 def told(pair: Pair, *verdicts: Alignment) -> list[str]:
@@ -63,7 +64,11 @@ def test_small_changes_count_after_a_while() -> None:
     assert 0.01 < change(slightly, ROOM) < 0.3
     pair.record(verdict(None, 0.0), ROOM, slightly, 100.0)
     assert not pair.due(ROOM, ROOM, 101.0, 0.5)
-    assert pair.due(ROOM, ROOM, 101.0 + ANY_CHANGE_AFTER, 0.5)
+    assert pair.due(ROOM, ROOM, 101.0 + SOON, 0.5)
+    slow = Alignment(False, 0.0, 'refused', seconds={'all': 2.0 * SOON})
+    pair.record(slow, ROOM, slightly, 200.0)
+    assert not pair.due(ROOM, ROOM, 201.0 + SOON, 0.5)
+    assert pair.due(ROOM, ROOM, 201.0 + 2.0 * SOON * TIME_SHARE, 0.5)
 
 
 def test_same_pose_is_judged_at_the_walls() -> None:
@@ -88,12 +93,22 @@ def test_the_same_pose_follows_smoothly() -> None:
 
 def test_another_pose_must_be_clearly_better_twice_in_a_row() -> None:
     pair = Pair()
-    better, worse = verdict(ELSEWHERE, 0.999), verdict(ELSEWHERE, 0.96)
+    better, worse = verdict(ELSEWHERE, 0.97), verdict(ELSEWHERE, 0.96, rival=0.95)
     assert told(pair, verdict(THERE), worse, worse, worse) == ['accepted'] + 3 * ['kept']
     assert told(pair, better, verdict(THERE), better) == ['kept', 'updated', 'kept']
     assert pair.held.T_target_source == THERE
     assert told(pair, better) == ['replaced']
     assert pair.held.T_target_source == ELSEWHERE
+
+
+def test_a_rival_is_looked_at_again_though_no_map_changes() -> None:
+    pair = Pair()
+    told(pair, verdict(THERE), verdict(ELSEWHERE))
+    assert not pair.settled
+    assert not pair.due(ROOM, ROOM, 0.9 * SOON, 0.1)
+    assert pair.due(ROOM, ROOM, SOON, 0.1)
+    assert told(pair, verdict(ELSEWHERE)) == ['replaced']
+    assert not pair.due(ROOM, ROOM, 1e6, 0.1)
 
 
 def test_two_different_rivals_do_not_confirm_one_another() -> None:

@@ -17,12 +17,13 @@ from somfusion_ros.grid import Grid
 
 SAME_DISTANCE = 0.5                # [m] at the walls of the source map; nearer is the same pose
 SAME_HEADING = np.radians(5.0)     # [rad]
-DOUBT_RATIO = 0.5                  # clearly better: at most this share of the doubt is left,
-DOUBT_FLOOR = 1e-3                 # or less doubt than can be told apart
+DOUBT_RATIO = 0.5                  # clearly better: at most this share of the doubt is left
 CONFIRMATIONS = 2                  # times in a row before another pose replaces the one that holds
 LIKELY = 0.5                       # a refusal at this probability is no clear one
 REFUSALS = 4                       # clear refusals in a row that withdraw a verdict
-ANY_CHANGE_AFTER = 20.0            # [s] after which small changes of a map count as well
+SOON = 5.0                         # [s] after which small changes of a map count as well, and a
+#                                    rival is looked at again; longer where matching takes long:
+TIME_SHARE = 40.0                  # a pair takes one part in so many of the time at most
 LEAST_CHANGE = 0.002               # share of the walls that is no change at all
 WALL_TOLERANCE = 1                 # cells that a wall may move without being a change
 
@@ -34,6 +35,7 @@ class Pair:
         self.held: Alignment | None = None
         self.last: Alignment | None = None
         self.attempts = 0
+        self.settled = False   # whether the last word was said on the maps of now
         self._rivals: list[Alignment] = []
         self._refusals = 0
         self._matched: tuple[Grid, Grid] | None = None
@@ -43,20 +45,29 @@ class Pair:
         """
         Tell whether one of the maps changed enough since they were last matched.
 
-        After a while any change is enough, so that the last word is on the last maps.
+        After a while any change is enough, so that the last word is on the last maps, and a rival
+        that waits for its confirmation needs none.
         """
         if self._matched is None:
             return True
-        if all(old is new for old, new in zip(self._matched, (target, source))):
-            return False
-        enough = minimum_change if now - self._matched_at < ANY_CHANGE_AFTER else 0.0
-        return any(change(old, new) >= max(enough, LEAST_CHANGE)
-                   for old, new in zip(self._matched, (target, source)))
+        patience = max(SOON, TIME_SHARE * sum(self.last.seconds.values()))
+        rested = now - self._matched_at >= patience
+        changed = max(change(old, new) for old, new in zip(self._matched, (target, source)))
+        self.settled = changed < LEAST_CHANGE and not self._rivals
+        if rested:
+            return not self.settled
+        return changed >= max(minimum_change, LEAST_CHANGE)
 
     def record(self, alignment: Alignment, target: Grid, source: Grid, now: float) -> str:
         """Take a verdict, given at a time [s], in; tell in one word what became of it."""
         self.last, self._matched, self._matched_at = alignment, (target, source), now
         self.attempts += 1
+        word = self._weigh(alignment, source)
+        self.settled = not self._rivals
+        return word
+
+    def _weigh(self, alignment: Alignment, source: Grid) -> str:
+        """Weigh a verdict against the one that holds."""
         if self.held is None:
             return self._hold(alignment, 'accepted') if alignment.accepted else 'refused'
         same = self._same(alignment, source)
@@ -81,9 +92,14 @@ class Pair:
         return 'withdrawn'
 
     def _challenge(self, rival: Alignment, source: Grid) -> str:
-        """Replace the pose that holds once a clearly better one came often enough in a row."""
-        doubt_left = (1.0 - rival.probability) / max(1.0 - self.held.probability, DOUBT_FLOOR)
-        if doubt_left > DOUBT_RATIO and 1.0 - rival.probability > DOUBT_FLOOR:
+        """
+        Replace the pose that holds once a clearly better one came often enough in a row.
+
+        The maps have changed since the pose that holds was found. On the maps of now it is no
+        better than the best pose beside the rival, the runner-up.
+        """
+        held_now = rival.runner_up.probability if rival.runner_up else 0.0
+        if 1.0 - rival.probability > DOUBT_RATIO * (1.0 - held_now):
             self._rivals = []
             return 'kept'
         if self._rivals and not same_pose(self._rivals[-1].T_target_source,
@@ -110,8 +126,8 @@ def same_pose(first: Pose, second: Pose, source: Grid) -> bool:
 
 def change(old: Grid, new: Grid) -> float:
     """Share of the walls of either map that the other one does not have, 0..1."""
-    if old.shape == new.shape and old.T_frame_grid == new.T_frame_grid and np.array_equal(
-            old.evidence, new.evidence):
+    if old is new or (old.shape == new.shape and old.T_frame_grid == new.T_frame_grid
+                      and np.array_equal(old.evidence, new.evidence)):
         return 0.0
     return max(missing_walls(old, new), missing_walls(new, old))
 

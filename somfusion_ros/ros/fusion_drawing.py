@@ -60,7 +60,8 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
                  now: float, timeout: float) -> DiagnosticStatus:
     """Tell how it stands with one peer."""
     values = {'map_age_s': now - heard.map_at, 'maps': heard.maps,
-              'bytes_received': heard.map_bytes, 'connected': connected}
+              'bytes_received': heard.map_bytes, 'connected': connected,
+              'settled': peer in snapshot.settled}
     verdict, warning = snapshot.verdicts.get(peer), ''
     if verdict is not None:
         rival = verdict.runner_up.probability if verdict.runner_up else 0.0

@@ -29,13 +29,15 @@ class Snapshot:
     The team as it is known now.
 
     own_transforms: T_own_peer of the pairs that the robot itself accepted; solution: where all
-    maps lie; verdicts: the newest alignment with each peer; words: what became of it.
+    maps lie; verdicts: the newest alignment with each peer; words: what became of it; settled:
+    the peers on whose present maps the last word is said.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
     solution: Solution = field(default_factory=lambda: Solution((), {}))
     verdicts: dict[str, Alignment] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
+    settled: frozenset[str] = frozenset()
 
     def world(self, robot: str) -> dict[str, Pose]:
         """T_world_map by robot of the team that a robot is connected with; {} while alone."""
@@ -106,7 +108,8 @@ class FusionSession:
             self._say(reason)
         self.snapshot = Snapshot(self._team.own_transforms(), solution, {
             peer: pair.last for peer, pair in self._team.pairs.items() if pair.last is not None},
-            dict(self._words))
+            dict(self._words), frozenset(
+                peer for peer, pair in self._team.pairs.items() if pair.settled))
         return self.snapshot
 
     def draw(self) -> Grid | None:

@@ -78,6 +78,12 @@ def joined(status: Mapping[str, Any], robots: list[str]) -> bool:
     return True
 
 
+def settled(status: Mapping[str, Any]) -> bool:
+    """Tell whether every fusion node has matched the maps as they are now."""
+    return all(record['values'].get('settled', 'True') == 'True'
+               for record in status['diagnostics'].values())
+
+
 def why_not(status: Mapping[str, Any], robots: list[str]) -> str:
     """Say what is missing, robot by robot, with the nodes' own words."""
     missing = []
@@ -149,6 +155,9 @@ def _wait_until_joined(processes: Processes, folder: Path, robots: list[str],
         _check(processes, [n for n in processes.ended() if n.startswith('player_')])
         time.sleep(POLL)
     time.sleep(options.settle)
+    until = time.monotonic() + options.patience
+    while not settled(read_status(folder)) and time.monotonic() < until:
+        time.sleep(POLL)
 
 
 def _check(processes: Processes, may_end: list[str]) -> dict[str, int]:
