@@ -51,12 +51,12 @@ $(VENV)/.dependencies: setup.py
 	@echo 'Setting up $(VENV) (once, a few minutes) ...'
 	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	@rm -rf build/lib build/bdist.* *.egg-info
-	$(PIP) install --quiet '.[$(EXTRAS)]' || \
+	@$(PIP) install --quiet '.[$(EXTRAS)]' || \
 	    { $(BIN)/python -V; echo 'pip could not install this, see above. Some dependencies come' \
 	      'as wheels for Python 3.10 to 3.13 only; name one with: make PYTHON=python3.12'; exit 1; }
 	@touch $@
 
 $(VENV)/.package: $(VENV)/.dependencies $(SOURCES)
 	@rm -rf build/lib build/bdist.* *.egg-info
-	$(PIP) install --quiet --no-deps --force-reinstall .
+	@$(PIP) install --quiet --no-deps --force-reinstall .
 	@touch $@
