@@ -9,15 +9,16 @@ import subprocess
 import sys
 from typing import Any
 
-from helpers import pose_error, ROOT, write_fake_bag
+from helpers import fake_room, fake_scan, pose_error, ROOT, write_fake_bag
 import numpy as np
 import pytest
 
 from somfusion_ros.geometry import between
+from somfusion_ros.tools.bag_writer import BagWriter
 from somfusion_ros.tools.bags import open_log
 from somfusion_ros.tools.maps import read_map
 from somfusion_ros.tools.replay import replay, ReplayOptions
-from somfusion_ros.tools.robot_run import run_robot
+from somfusion_ros.tools.robot_run import paired
 from somfusion_ros.tools.trajectories import read_tum, write_tum
 
 OTHER_WAY = np.array([(6.8, 2.8), (4.0, 3.0), (1.5, 4.6), (1.2, 2.0), (3.5, 1.0)])
@@ -29,7 +30,8 @@ PAIR_KEYS = {'target', 'source', 'accepted', 'probability', 'reason', 'transform
 def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Path], np.ndarray]:
     """Write bags of two robots in one room; give them and the true T_robot1_robot2."""
     folder = tmp_path_factory.mktemp('bags')
-    poses = [write_fake_bag(folder / 'a'), write_fake_bag(folder / 'b', waypoints=OTHER_WAY)]
+    poses = [write_fake_bag(folder / 'a', every=2),
+             write_fake_bag(folder / 'b', waypoints=OTHER_WAY, every=2)]
     return [folder / 'a', folder / 'b'], between(poses[0][0], poses[1][0])
 
 
@@ -89,15 +91,6 @@ def test_the_global_map_holds_both(result: tuple[Path, dict]) -> None:
     assert area[0] > max(area[1:]) - 0.5
 
 
-def test_processes_change_nothing(result: tuple[Path, dict], bags: tuple, tmp_path: Path) -> None:
-    folder, record = result
-    replay(bags[0], tmp_path, ReplayOptions(jobs=2, pictures=False))
-    again = json.loads((tmp_path / 'result.json').read_text())
-    assert again['transforms'] == record['transforms']
-    for name in ('robot1/trajectory.tum', 'robot2/views.tum', 'robot2/map.pgm', 'map.pgm'):
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
-
-
 def test_one_robot_alone(bags: tuple, tmp_path: Path) -> None:
     record = replay(bags[0][:1], tmp_path)
     assert record['pairs'] == record['unconnected'] == []
@@ -106,23 +99,39 @@ def test_one_robot_alone(bags: tuple, tmp_path: Path) -> None:
     assert (tmp_path / 'map.yaml').exists()
 
 
-def test_command_in_a_pipe(bags: tuple, tmp_path: Path) -> None:
-    """Without a terminal nothing but results is written: no bar, no warning."""
+def test_command_in_a_pipe_and_in_processes(result: tuple[Path, dict], bags: tuple,
+                                            tmp_path: Path) -> None:
+    """One process per robot changes nothing; without a terminal only results are written."""
+    folder, record = result
     done = subprocess.run(
         [sys.executable, '-m', 'somfusion_ros.tools.cli', 'replay', str(bags[0][0]),
-         str(bags[0][1]), '--output', str(tmp_path), '--no-report'],
-        capture_output=True, text=True, timeout=120,
+         str(bags[0][1]), '--output', str(tmp_path), '--no-report', '--jobs', '2'],
+        capture_output=True, text=True, timeout=300,
         env={**os.environ, 'PYTHONPATH': str(ROOT)})
     assert (done.returncode, done.stderr) == (0, '')
     for word in ('robot1: ', 'times real time', 'robot1 <- robot2: accepted', 'world -> robot2'):
         assert word in done.stdout
+    again = json.loads((tmp_path / 'result.json').read_text())
+    assert again['transforms'] == record['transforms']
+    for name in ('robot1/trajectory.tum', 'robot2/views.tum', 'robot2/map.pgm', 'map.pgm'):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
-def test_odometry_behind_the_last_scan_is_carried_on(bags: tuple, tmp_path: Path) -> None:
-    """The last scans of a log often come after the last odometry."""
-    run = run_robot(open_log(bags[0][0]))
-    assert run.counters['scans_without_odometry'] == 0
-    assert len(run.stamps) == open_log(bags[0][0]).scan_count
+@pytest.mark.parametrize('late, expected', [(0.0, 5), (0.3, 5), (2.0, 4)])
+def test_scans_after_the_last_odometry(tmp_path: Path, late: float, expected: int) -> None:
+    """The last scan of a log often comes after the last odometry: its twist reaches there."""
+    with BagWriter(tmp_path / 'bag') as bag:
+        for number in range(5):
+            stamp = 10.0 + 0.1 * number
+            bag.odometry(stamp, (0.05 * number, 0.0, 0.0), (0.5, 0.0, 0.0))
+            bag.scan(fake_scan(fake_room(), (2.0, 2.0, 0.0), stamp + late * (number == 4)))
+    counters: dict[str, int] = {}
+    pairs = list(paired(open_log(tmp_path / 'bag'), counters))
+    assert len(pairs) == expected
+    assert counters.get('scans_without_odometry', 0) == 5 - expected
+    last = pairs[-1]
+    assert last[1].stamp == last[0].stamp
+    assert last[1].pose[0] == pytest.approx(0.5 * (last[0].stamp - 10.0))
 
 
 def test_tum_roundtrip(tmp_path: Path) -> None:
