@@ -94,4 +94,4 @@ def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose],
             shared = evidence.overlap * min(
                 grid.known.sum() * grid.resolution ** 2 for grid in (grids[a], grids[b]))
             total, area = total + shared * evidence.V, area + shared
-    return 100.0 * total / area if area else None
+    return min(100.0, float(100.0 * total / area)) if area else None
