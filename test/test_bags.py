@@ -131,6 +131,14 @@ def test_chain_may_run_through_a_parent_of_the_base(tmp_path: Path) -> None:
     assert log.T_base_laser == pytest.approx((0.3, 0.1, 0.0))
 
 
+def test_usual_names_of_the_base_stand_in_for_one_another(tmp_path: Path) -> None:
+    log = open_log(write_small(tmp_path / 'bag', np.arange(1.0, 2.0, 0.1),
+                               [('base_link', 'laser', (0.3, 0.1, 0.2), LEVEL)],
+                               ('odom', 'base_footprint', 'laser')))
+    assert log.T_base_laser == pytest.approx((0.3, 0.1, 0.0))
+    assert not log.notes
+
+
 def test_a_laser_upside_down_turns_the_other_way(tmp_path: Path) -> None:
     """A beam at angle a of a laser rolled by 180 degrees points to -a of the base."""
     chain = [('base_link', 'laser', (0.1, 0.0, 0.2), UPSIDE_DOWN)]

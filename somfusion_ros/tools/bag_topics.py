@@ -5,7 +5,7 @@
 from typing import Any, TYPE_CHECKING
 
 from somfusion_ros.tools.bag_reader import BagReader
-from somfusion_ros.tools.bag_transforms import plain, TF_TYPES
+from somfusion_ros.tools.bag_transforms import BASE_FRAMES, plain, TF_TYPES
 
 if TYPE_CHECKING:
     from somfusion_ros.tools.bags import BagOptions
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 SCAN = 'sensor_msgs/msg/LaserScan'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 JOINTS = 'sensor_msgs/msg/JointState'
-BASE_FRAMES = ('base_link', 'base_footprint', 'base')
 SOURCES = ('auto', 'odom', 'encoders', 'tf')
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.tools.bag_reader import BagReader
 
+BASE_FRAMES = ('base_link', 'base_footprint', 'base')
 TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
 LARGEST_TILT = np.radians(10.0)   # a plane tilted more does not see the walls of one floor plan
 SCANNED_FOR_STATIC = 2000         # messages of /tf looked through where tf_static has no chain
@@ -36,9 +37,16 @@ def yaw(quaternion: Any) -> float:
 
 
 def find_mount(reader: BagReader, base_frame: str, laser_frame: str) -> Mount | None:
-    """Compose the chain of transforms from base to laser; None where there is no chain."""
+    """
+    Compose the chain of transforms from base to laser; None where there is no chain.
+
+    The usual names of the base stand in for one another: encoders name no frame, and a chain
+    often begins at base_link where the odometry speaks of base_footprint right below.
+    """
     if laser_frame == base_frame:
         return Mount(Pose(), False)
+    prefix = base_frame.rpartition('/')[0]
+    bases = [base_frame, *(f'{prefix}/{name}'.lstrip('/') for name in BASE_FRAMES)]
     edges: dict[tuple[str, str], Array] = {}
     topics = reader.topics(*TF_TYPES)
     for topic in sorted(topics, key=lambda t: 'static' not in t):
@@ -46,9 +54,10 @@ def find_mount(reader: BagReader, base_frame: str, laser_frame: str) -> Mount | 
             if number >= SCANNED_FOR_STATIC and 'static' not in topic:
                 break
             _collect(message, edges)
-        T = _chain(edges, base_frame, laser_frame)
-        if T is not None:
-            return _planar(reader, T, laser_frame)
+        for base in bases:
+            T = _chain(edges, base, laser_frame)
+            if T is not None:
+                return _planar(reader, T, laser_frame)
     return None
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9')
 BOTH, FREE, UNKNOWN, WALL = '#222222', '#EEF1F4', '#FFFFFF', '#222222'
 AGREEMENT, AGREEMENT_PALE, CONFLICT, ONE = '#009E73', '#D5EFE6', '#D0021B', '#9AA3AB'
-PIXELS = 450    # of a panel along a side; walls are drawn at least one wide
+PIXELS = 300    # of a panel along a side; walls are drawn at least one wide
 STRAY = 0.001   # share of wall cells that a figure may leave out
 
 Extent = tuple[float, float, float, float]

@@ -18,7 +18,8 @@ from somfusion_ros.tools.processes import node_environment, Processes
 
 START_TIMEOUT = 30.0   # [s] for all processes to find one another, before the bags are played
 POLL = 0.25            # [s]
-MAP_UPDATE_INTERVAL = 2.0   # [s] of wall time; half the default, as the bags play fast
+MAP_UPDATE_INTERVAL = 2.0   # [s] of wall time; shorter than the default, as the bags play fast
+TRANSFORM_TIMEOUT = 5.0   # [s] a bag's odometry always comes, however busy the machine is
 WITNESS, STATUS = 'witness', 'status.json'
 
 
@@ -128,7 +129,8 @@ def _slam_parameters(log: Log) -> list[str]:
     x, y, theta = (float(value) for value in log.T_base_laser)
     values = {'base_frame': base or 'base_link', 'laser_pose': f'[{x!r}, {y!r}, {theta!r}]',
               'odometry_source': log.odometry_source,
-              'map_update_interval': MAP_UPDATE_INTERVAL}
+              'map_update_interval': MAP_UPDATE_INTERVAL,
+              'transform_timeout': TRANSFORM_TIMEOUT}
     return [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
 
 

@@ -13,12 +13,11 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from somfusion_ros.config import FusionConfig
-from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.grid import Grid
+from somfusion_ros.geometry import Array
 from somfusion_ros.tools import figure_maps, figure_pair
 from somfusion_ros.tools.console import progress_bar, say
 from somfusion_ros.tools.figure_data import PairData
-from somfusion_ros.tools.figure_team import draw_team
+from somfusion_ros.tools.figure_team import Team
 from somfusion_ros.tools.figure_verdict import draw_verdict
 from somfusion_ros.tools.maps import MapError
 from somfusion_ros.tools.parameter_file import make
@@ -78,39 +77,32 @@ def report(folder: str | Path) -> Path:
 
 def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path:
     """
-    Draw DIR/report.png, DIR/figures/*.png and, for more pairs, DIR/figures/<pair>/*.png.
+    Draw DIR/report.png and DIR/figures/*.png.
 
-    The page shows the most probable pair; the team's map stands beside in figures/team.png.
+    The page and the single figures show the most probable pair, and for more than two robots
+    the team's map; every other pair has a page of its own, DIR/figures/<target>_<source>.png.
     """
     record = read_result(folder)
     grids = {name: read_evidence(folder / name) for name in record['robots']}
     paths = {name: _path(folder / name) for name in grids}
-    world = {name: pose_of(pose) for name, pose in record['transforms'].items()}
+    team = Team(grids, {name: pose_of(pose) for name, pose in record['transforms'].items()}, paths)
     figures = folder / 'figures'
     figures.mkdir(exist_ok=True)
-    ranked = sorted(traces, key=lambda names: -traces[names].alignment.probability)
-    with matplotlib.rc_context(STYLE), \
-            progress_bar('drawing', 1 + (len(FIGURES) + 1) * len(ranked), 'figure') as bar:
-        _draw_team_figure(figures / 'team.png', grids, world, paths)
-        bar.update()
-        for place, names in enumerate(ranked):
-            data = PairData(*names, (grids[names[0]], grids[names[1]]), traces[names],
-                            (paths[names[0]], paths[names[1]]))
-            _draw_pair(folder if place == 0 else figures / '_'.join(names), data, place == 0,
-                       bar.update)
+    ranked = [PairData(a, b, (grids[a], grids[b]), traces[a, b], (paths[a], paths[b]))
+              for a, b in sorted(traces, key=lambda pair: -traces[pair].alignment.probability)]
+    drawings = {figures / 'team.png': partial(_team_figure, team)}
+    if ranked:
+        drawings[folder / 'report.png'] = partial(_page, ranked[0], team)
+        drawings |= {figures / f'{name}.png': partial(
+            panels_in_rows, panels, ranked[0], len(panels), 1.35 * PANEL)
+            for name, panels in FIGURES.items()}
+    drawings |= {figures / f'{data.target}_{data.source}.png': partial(_page, data, team)
+                 for data in ranked[1:]}
+    with matplotlib.rc_context(STYLE), progress_bar('drawing', len(drawings), 'figure') as bar:
+        for path, draw in drawings.items():
+            draw().savefig(path, pil_kwargs=PNG)
+            bar.update()
     return folder / 'report.png' if ranked else figures / 'team.png'
-
-
-def _draw_pair(folder: Path, data: PairData, first: bool, done: Callable[[], object]) -> None:
-    """Draw the page and the single figures of one pair."""
-    singles = folder / 'figures' if first else folder
-    singles.mkdir(parents=True, exist_ok=True)
-    _page(data).savefig(folder / 'report.png', pil_kwargs=PNG)
-    done()
-    for name, panels in FIGURES.items():
-        figure = panels_in_rows(panels, data, len(panels), 1.35 * PANEL)
-        figure.savefig(singles / f'{name}.png', pil_kwargs=PNG)
-        done()
 
 
 def panels_in_rows(panels: Sequence[Panel], data: PairData, columns: int, width: float,
@@ -129,9 +121,11 @@ def panels_in_rows(panels: Sequence[Panel], data: PairData, columns: int, width:
     return figure
 
 
-def _page(data: PairData) -> Figure:
+def _page(data: PairData, team: Team) -> Figure:
     """Draw all panels of a pair on one page, four in a row."""
-    panels = [panel for row in FIGURES.values() for panel in row]
+    figures = FIGURES | ({'trajectories': [lambda axes, _: team.draw(axes)]}
+                         if len(team.world) > 2 else {})
+    panels = [panel for row in figures.values() for panel in row]
     found = data.trace.alignment
     verdict = 'accepted' if found.accepted else 'refused'
     return panels_in_rows(panels, data, 4, PANEL, (
@@ -139,12 +133,11 @@ def _page(data: PairData) -> Figure:
         f'V {found.verification_index:.1f} %'))
 
 
-def _draw_team_figure(path: Path, grids: Mapping[str, Grid], world: Mapping[str, Pose],
-                      paths: Mapping[str, Array]) -> None:
+def _team_figure(team: Team) -> Figure:
     """Draw the team's figure."""
     figure = Figure(figsize=(2.0 * PANEL, 1.6 * PANEL), layout='constrained')
-    draw_team(figure.subplots(), grids, world, paths)
-    figure.savefig(path, pil_kwargs=PNG)
+    team.draw(figure.subplots())
+    return figure
 
 
 def _path(folder: Path) -> Array:
