@@ -106,7 +106,8 @@ def recent(new: int, poses: Array, clouds: list[Cloud]) -> Cloud:
     seen = LocalMap.of_views([clouds[k] for k in near], list(between(poses[new], poses[near])))
     _, first = np.unique(np.floor(seen.points / THINNING).astype(int), axis=0, return_index=True)
     first.sort()
-    return Cloud(seen.points[first], seen.normals[first], np.zeros(2), np.zeros((0, 2)))
+    return Cloud(seen.points[first], seen.normals[first], seen.points[first], np.zeros(2),
+                 np.zeros((0, 2)))
 
 
 def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config: SlamConfig

@@ -54,7 +54,7 @@ class Mapper:
             self._grow(np.array([_bounds(apply(p, s.cloud.rim))
                                  for s, p in zip(scans[done:], poses[done:], strict=True)]))
             for scan, pose in zip(scans[done:], poses[done:], strict=True):
-                self._draw(apply(pose, scan.cloud.rim), apply(pose, scan.cloud.points),
+                self._draw(apply(pose, scan.cloud.rim), apply(pose, scan.cloud.hits),
                            apply(pose, scan.cloud.origin[None])[0])
             self._rendered = poses
         return self.grid()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from somfusion_ros.geometry import Array, Pose, apply
 
+SPACING = 0.04      # [m] of surface that one point stands for, where the beams are denser
 SURFACE_GAP = 0.15  # [m] neighbouring returns farther apart than this, at 1 m, are two surfaces
 
 
@@ -48,13 +49,14 @@ class Cloud:
     """
     What a scan saw, in the robot's base frame at the scan's stamp.
 
-    points (N, 2) [m] in beam order, normals (N, 2) of the surface facing the laser (zero where
-    there is too little surface), beams (N,) their index in the scan, origin (2,) of the laser,
-    rim (M, 2): the polygon of the space that the beams passed, closed through the origin.
+    points (N, 2) [m] along the surfaces, normals (N, 2) facing the laser (zero where there is
+    too little surface), hits (K, 2) every return, origin (2,) of the laser, rim (M, 2): the
+    polygon of the space that the beams passed, closed through the origin.
     """
 
     points: Array
     normals: Array
+    hits: Array
     origin: Array
     rim: Array
 
@@ -64,7 +66,7 @@ class Cloud:
 
 def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     """
-    Convert a scan: drop what is no return, deskew, estimate normals, outline the free space.
+    Convert a scan: drop what is no return, deskew, thin, estimate normals, outline free space.
 
     Parameters
     ----------
@@ -77,16 +79,45 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     limit = min(max_range, scan.range_max)
     with np.errstate(invalid='ignore'):
         hit = (ranges >= max(scan.range_min, 1e-3)) & (ranges < limit)
-        beyond = (ranges >= limit) & (scan.range_max <= limit) & np.isposinf(ranges)
-        beyond |= (ranges >= limit) & (ranges < scan.range_max)
+        beyond = (ranges >= limit) & (np.isposinf(ranges) | (ranges < scan.range_max))
     reach = np.where(hit, ranges, np.where(beyond, limit, 0.0))
     beams = reach[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     placed = _deskew(apply(scan.T_base_laser, beams), scan.time_increment, twist)
     origin = np.array(scan.T_base_laser[:2])
-    points = placed[hit]
-    return Cloud(points, _normals(points, np.flatnonzero(hit), ranges[hit],
-                                  abs(scan.angle_increment), origin),
-                 origin, _rim(placed, reach, origin))
+    hits = placed[hit]
+    points, joined = _thin(hits, _joined(hits, np.flatnonzero(hit), ranges[hit],
+                                         abs(scan.angle_increment)))
+    return Cloud(points, _normals(points, joined, origin), hits, origin,
+                 _rim(placed, reach, origin))
+
+
+def _joined(points: Array, beams: NDArray[np.intp], ranges: Array, increment: float
+            ) -> NDArray[np.bool_]:
+    """
+    Tell which neighbouring returns (N - 1,) continue one surface.
+
+    They do while no beam is missing, and the gap is no wider than a surface seen at a grazing
+    angle would leave between two beams.
+    """
+    if len(points) < 2:
+        return np.zeros(0, bool)
+    gap = SURFACE_GAP * np.maximum(1.0, np.minimum(ranges[1:], ranges[:-1]) * increment * 40.0)
+    return (np.diff(beams) <= 2) & ((np.diff(points, axis=0) ** 2).sum(1) < gap ** 2)
+
+
+def _thin(points: Array, joined: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Average returns (N, 2) over SPACING of surface; return points and which are joined."""
+    if len(points) < 2:
+        return points, joined
+    step = np.hypot(*np.diff(points, axis=0).T)
+    along = np.concatenate([[0.0], np.where(joined, step, 0.0).cumsum()])
+    surface = np.concatenate([[0], (~joined).cumsum()])
+    start = along[np.flatnonzero(np.concatenate([[True], ~joined]))][surface]
+    piece = np.floor((along - start) / SPACING)
+    new = (np.diff(piece) != 0) | ~joined
+    first = np.concatenate([[0], np.flatnonzero(new) + 1])
+    count = np.diff(np.concatenate([first, [len(points)]]))
+    return np.add.reduceat(points, first) / count[:, None], joined[first[1:] - 1]
 
 
 def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
@@ -99,20 +130,11 @@ def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
                             s * points[:, 0] + c * points[:, 1] + twist[1] * t])
 
 
-def _normals(points: Array, beams: NDArray[np.intp], ranges: Array, increment: float,
-             origin: Array, reach: int = 4) -> Array:
-    """
-    Unit normals (N, 2) by a line fit to up to `reach` neighbours on each side.
-
-    Neighbours count while they continue the surface: no missing beam, and no gap wider than a
-    surface seen at 80 degrees would leave between two beams.
-    """
+def _normals(points: Array, joined: NDArray[np.bool_], origin: Array, reach: int = 4) -> Array:
+    """Unit normals (N, 2) by a line fit to up to `reach` neighbours on each side."""
     n = len(points)
     if n < 3:
         return np.zeros((n, 2))
-    step = np.diff(points, axis=0)
-    gap = SURFACE_GAP * np.maximum(1.0, np.minimum(ranges[1:], ranges[:-1]) * increment * 40.0)
-    joined = (np.diff(beams) <= 2) & ((step ** 2).sum(1) < gap ** 2)
     count, first = np.ones(n), np.zeros((n, 2))
     second = np.zeros((n, 3))
     for direction in (1, -1):

@@ -130,6 +130,11 @@ class Slam:
             return np.array(stamps), compose(self._ekf.poses[list(views)], np.array(hung))
 
     @property
+    def odometry_lag(self) -> float:
+        """Time [s] to add to a scan's stamp to find the odometry that belongs to it."""
+        return self._tracker.calibration.lag
+
+    @property
     def pose_sigma(self) -> tuple[float, float, float]:
         """Standard deviations of the current pose [m, m, rad]."""
         if self._last is None:

@@ -15,14 +15,16 @@ import numpy as np
 
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import Array, between, compose, compose_jacobians, wrap
+from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine, register
-from somfusion_ros.slam.motion import MotionNoise, Odometry, increment
+from somfusion_ros.slam.motion import MotionNoise, Odometry, increment_covariance
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
-SEARCH = (1.2, 1.2)      # [m] [rad] window of the fallback: a stalled odometry's second
+SEARCH = (1.2, 1.2)      # [m] [rad] widest window of the fallback
+STALL_SPEED = (1.2, 1.5) # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
 BETTER = 0.08            # share of points by which another match must win
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
 STALL = np.array([1.0, 0.35, 1.0])        # sigmas along [m], across [m], heading [rad]
@@ -46,18 +48,21 @@ class Track:
     reason: str
 
 
-def plausibility(poses: Array, expected: tuple[Array, ...]) -> Array:
+def plausibility(poses: Array, expected: tuple[Array, ...], window: Array) -> Array:
     """
     Factor (n,) in 0..1 for poses (n, 3): how well they continue one of the expected poses.
 
     A wheeled robot's odometry that stalls is wrong along the travel and in heading, hardly
-    across. The factor is bounded below, so that a clear match can still overrule it.
+    across. The factor is bounded below, so that a clear match can still overrule it, but it is 0
+    outside the window [m, rad] that the robot's speed sets.
     """
     likelihood = np.zeros(len(poses))
     for pose in expected:
         d = between(pose, poses) / STALL
         likelihood = np.maximum(likelihood, np.exp(-0.5 * (d ** 2).sum(1)))
-    return 1.0 - IMPLAUSIBLE * (1.0 - likelihood)
+    d = between(expected[0], poses)
+    possible = (np.hypot(d[:, 0], d[:, 1]) <= 1.5 * window[0]) & (abs(d[:, 2]) <= 1.2 * window[1])
+    return possible * (1.0 - IMPLAUSIBLE * (1.0 - likelihood))
 
 
 def _near(a: Match, b: Match) -> bool:
@@ -76,7 +81,9 @@ class Tracker:
         self._odometry: Odometry | None = None
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
         self._velocity, self._dt = np.zeros(3), 0.0
+        self._unseen = 0.0           # [s] since the last match
         self.lost = False
+        self.calibration = Calibration()
 
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
@@ -85,7 +92,7 @@ class Tracker:
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
         """Predict to the scan's odometry, then correct by matching the scan."""
-        before = self.T_view_base
+        before, previous, was_lost = self.T_view_base, self._odometry, self.lost
         reason = self._predict(odometry)
         matched, ratio = False, 0.0
         if self._map is not None:
@@ -93,8 +100,13 @@ class Tracker:
             ratio = match.inlier_ratio
             if matched:
                 self._correct(match)
+                if not (reason or was_lost) and ratio >= self._config.doubtful_inlier_ratio:
+                    self.calibration.learn(previous, odometry,
+                                           between(before, self.T_view_base))
             else:
                 reason = reason or ('lost' if self.lost else 'match_rejected')
+        if matched:
+            self._unseen = 0.0
         if self._dt > 0.0 and not self.lost:
             self._velocity = between(before, self.T_view_base) / self._dt
         return Track(self.T_view_base, self.P, matched, ratio, reason)
@@ -104,8 +116,10 @@ class Tracker:
         previous, self._odometry = self._odometry, odometry
         if previous is None:
             return ''
-        step, Q = increment(previous, odometry, self._noise)
+        step = self.calibration.correct(between(previous.pose, odometry.pose))
+        Q = increment_covariance(step, self._noise)
         dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
+        self._unseen += dt
         reason = ''
         if (np.hypot(step[0], step[1]) > JUMP_SPEED[0] * dt + 0.5
                 or abs(step[2]) > JUMP_SPEED[1] * dt + 0.5):
@@ -131,9 +145,11 @@ class Tracker:
                 and self._disagreement(match) < DOUBT):
             return match, True
         coasted = compose(before, self._velocity * self._dt)
-        plausible = partial(plausibility, expected=(seed, coasted))
-        peak = search(scan, self._map, seed, *SEARCH, prior=plausible)
-        matches = [match, register(scan, self._map, coasted),
+        window = np.minimum(SEARCH, 0.15 + self._unseen * np.array(STALL_SPEED))
+        plausible = partial(plausibility, expected=(seed, coasted), window=window)
+        peak = search(scan, self._map, seed, *window, prior=plausible)
+        matches = [match, refine(scan, self._map, seed, hold),
+                   register(scan, self._map, coasted),
                    refine(scan, self._map, peak.pose)]
         best = max(matches, key=lambda m: m.inlier_ratio * plausible(m.T_map_scan[None])[0])
         if best.inlier_ratio < match.inlier_ratio + BETTER:

@@ -1,0 +1,58 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps: walls and free space where they are, and new poses redraw them."""
+
+from helpers import fake_room, fake_scan
+import numpy as np
+from somfusion_ros.slam.mapping import Mapper, MapScan
+from somfusion_ros.slam.scan import cloud
+
+ROOM = fake_room()
+PLACES = np.array([(1.5, 1.5, 0.3), (2.5, 1.2, -0.4), (2.0, 2.5, 1.0), (5.0, 4.0, 2.0)])
+
+
+def scans(repeat: int = 4) -> list[MapScan]:
+    return [MapScan(k, np.zeros(3), cloud(fake_scan(ROOM, p), 30.0))
+            for _ in range(repeat) for k, p in enumerate(PLACES)]
+
+
+def test_walls_lie_where_they_are():
+    grid = Mapper(0.05).render(scans(), PLACES)
+    walls = grid.points(grid.occupied)
+    start, edge = ROOM[:, :2], ROOM[:, 2:] - ROOM[:, :2]
+    share = ((walls[:, None] - start) * edge).sum(2) / (edge ** 2).sum(1)
+    foot = start + np.clip(share, 0, 1)[:, :, None] * edge
+    distance = np.hypot(*(walls[:, None] - foot).transpose(2, 0, 1)).min(1)
+    assert len(walls) > 300 and np.percentile(distance, 99) < 0.05
+
+
+def test_free_space_stays_inside():
+    grid = Mapper(0.05).render(scans(), PLACES)
+    free = grid.points(grid.free)
+    assert 20.0 < len(free) * 0.05 ** 2 < 48.0
+    assert free.min() > -0.06 and free[:, 0].max() < 8.06 and free[:, 1].max() < 6.06
+
+
+def test_the_order_of_growing_does_not_matter():
+    """Scans drawn one by one, or all at once, give the same cells at the same places."""
+    every, step = scans(2), Mapper(0.05)
+    for k in range(1, len(every) + 1):
+        grown = step.render(every[:k], PLACES)
+    once = Mapper(0.05).render(every, PLACES)
+    for name in ('occupied', 'free'):
+        np.testing.assert_allclose(
+            np.sort(grown.points(getattr(grown, name)), axis=0),
+            np.sort(once.points(getattr(once, name)), axis=0), atol=1e-9)
+
+
+def test_moved_views_move_their_walls():
+    mapper, shift = Mapper(0.05), np.array([1.0, 0.0, 0.0])
+    first = mapper.render(scans(), PLACES)
+    second = mapper.render(scans(), PLACES + shift)
+    np.testing.assert_allclose(second.points(second.occupied).mean(0),
+                               first.points(first.occupied).mean(0) + (1.0, 0.0), atol=0.02)
+
+
+def test_an_empty_map_is_one_unknown_cell():
+    grid = Mapper(0.05).render([], np.zeros((0, 3)))
+    assert grid.shape == (1, 1) and not grid.known.any()

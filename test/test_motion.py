@@ -1,0 +1,93 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry: interpolation, dead reckoning of two wheels, and how its noise grows."""
+
+from collections import Counter
+
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+from somfusion_ros.geometry import between, compose
+from somfusion_ros.slam.motion import arc, increment_covariance, MotionNoise
+from somfusion_ros.slam.motion import OdometryBuffer, WheelOdometry
+
+
+def filled(count: Counter) -> OdometryBuffer:
+    buffer = OdometryBuffer(lambda name: count.update([name]))
+    for t in range(5):
+        buffer.add(float(t), (2.0 * t, 0.0, 0.1 * t))
+    return buffer
+
+
+@given(st.floats(0.0, 4.0))
+def test_interpolation_lies_between_the_samples(stamp):
+    found = filled(Counter()).at(stamp)
+    assert found.pose[0] == pytest.approx(2.0 * stamp, abs=1e-9)
+    assert found.pose[2] == pytest.approx(0.1 * stamp, abs=1e-9)
+    assert found.twist[2] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize('stamp', [-0.1, 4.1])
+def test_nothing_is_extrapolated(stamp):
+    assert filled(Counter()).at(stamp) is None
+
+
+def test_headings_are_interpolated_across_the_turn():
+    buffer = OdometryBuffer()
+    buffer.add(0.0, (0.0, 0.0, 3.1))
+    buffer.add(1.0, (0.0, 0.0, -3.1))
+    assert abs(abs(buffer.at(0.5).pose[2]) - np.pi) < 1e-9
+
+
+def test_bad_samples_are_counted_and_change_nothing():
+    count = Counter()
+    buffer = filled(count)
+    assert not buffer.add(4.0, (9, 9, 9))
+    assert not buffer.add(1.0, (9, 9, 9))
+    assert not buffer.add(5.0, (np.nan, 0, 0))
+    assert not buffer.add(np.inf, (0, 0, 0))
+    assert count == {'odometry_stamps_repeated': 1, 'odometry_stamps_backward': 1,
+                     'odometry_not_finite': 2}
+    assert buffer.latest == 4.0 and buffer.at(4.0).pose[0] == 8.0
+
+
+@given(st.floats(-2, 2), st.floats(-2, 2))
+def test_wheels_drive_the_arc_that_their_travels_give(left, right):
+    wheels = WheelOdometry(0.1, 0.4)
+    wheels.update(1.0, 2.0)
+    pose = wheels.update(1.0 + left, 2.0 + right)
+    np.testing.assert_allclose(
+        pose, arc(0.05 * (left + right), 0.25 * (right - left)), atol=1e-12)
+
+
+def test_many_small_arcs_make_one():
+    step, whole = arc(0.01, 0.02), np.zeros(3)
+    for _ in range(50):
+        whole = compose(whole, step)
+    np.testing.assert_allclose(whole, arc(0.5, 1.0), atol=1e-12)
+
+
+def test_a_wheel_without_a_number_is_skipped():
+    wheels = WheelOdometry(0.1, 0.4)
+    wheels.update(0.0, 0.0)
+    assert np.isnan(wheels.update(np.nan, 1.0)).all()
+    np.testing.assert_allclose(wheels.update(1.0, 1.0), (0.1, 0.0, 0.0))
+
+
+def test_wheels_need_a_size():
+    with pytest.raises(ValueError, match='positive'):
+        WheelOdometry(0.0, 0.4)
+
+
+@given(st.floats(0.01, 2.0), st.floats(-3, 3), st.floats(1.1, 3.0))
+def test_noise_grows_with_travel_and_is_a_covariance(travel, turn, factor):
+    near, far = (increment_covariance(np.array([k * travel, 0.0, turn]), MotionNoise())
+                 for k in (1.0, factor))
+    assert (np.linalg.eigvalsh(near) > 0).all()
+    assert np.trace(far) > np.trace(near)
+
+
+def test_noise_lies_along_the_travel():
+    Q = increment_covariance(np.array([0.0, 1.0, 0.0]), MotionNoise())
+    assert Q[1, 1] > Q[0, 0]
+    assert between((0, 0, 0), (0, 1, 0))[1] == 1.0
