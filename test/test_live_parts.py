@@ -70,7 +70,7 @@ def test_a_queue_never_grows_without_bound() -> None:
     for number in range(MAX_WAITING + 50):
         queue.add(float(number), number, now=0.0)
     assert len(queue) == MAX_WAITING
-    assert counts['scans_without_odometry'] == 50
+    assert counts['scans_too_many'] == 50
 
 
 def test_one_stray_stamp_is_no_jump() -> None:

@@ -40,7 +40,7 @@ class ScanQueue:
         self._waiting.append(Waiting(stamp, now, item))
         if len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
-            self._count('scans_without_odometry', 'too many scans wait for odometry')
+            self._count('scans_too_many', 'scans come faster than they can be processed')
 
     def ready(self, now: float) -> Iterator[tuple[Any, Odometry]]:
         """Yield the scans that odometry covers now, in order."""

@@ -3,12 +3,14 @@
 """
 One run of SLAM on a live stream: odometry and scans in any order in, steps out.
 
-Nothing here knows a message or a clock. A jump of time does not lose the map: where the odometry
-goes on, SLAM goes on with shifted stamps; where it was set back too, a new map begins.
+Nothing here knows a message or a clock. One thread adds what arrives and never waits for SLAM;
+another one takes the steps. A jump of time does not lose the map: where the odometry goes on,
+SLAM goes on with shifted stamps; where it was set back too, a new map begins.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -30,32 +32,62 @@ class Session:
 
     def __init__(self, config: SlamConfig, timeout: float, count: Callable[..., None]) -> None:
         self._config, self._timeout, self._count = config, timeout, count
+        self._lock = RLock()
         self.reset()
 
     def reset(self) -> None:
         """Begin a new map."""
-        self.slam = Slam(self._config, background=True)
-        self.buffer = OdometryBuffer(self._count)
-        self._queue = ScanQueue(self.buffer, self._timeout, self._count)
-        self._odometry_guard, self._scan_guard = StampGuard(), StampGuard()
-        self._last_pose: Array | None = None
-        self._last_stamp = -np.inf
-        self._shift = 0.0
-        self._jumped = False
+        with self._lock:
+            self.slam = Slam(self._config, background=True)
+            self._buffer = OdometryBuffer(self._count)
+            self._queue = ScanQueue(self._buffer, self._timeout, self._count)
+            self._odometry_guard, self._scan_guard = StampGuard(), StampGuard()
+            self._last_pose: Array | None = None
+            self._last_stamp = -np.inf
+            self._shift = 0.0
+            self._jumped = False
 
     def add_odometry(self, stamp: float, pose: Array, wheels: Array | None = None) -> None:
         """Take T_odom_base (3,) at a stamp [s]."""
+        with self._lock:
+            self._add_odometry(stamp, pose, wheels)
+
+    def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
+        """Take a scan; the tag comes back with its step. now [s] is any steady time."""
+        with self._lock:
+            self._add_scan(scan, tag, now)
+
+    def steps(self, now: float) -> Iterator[tuple[Any, Step]]:
+        """Process the scans that odometry covers; yield each one's tag and step."""
+        while True:
+            with self._lock:
+                found = next(self._queue.ready(now), None)
+                if found is None:
+                    return
+                (scan, tag), odometry = found
+                if self._jumped:
+                    self._rejoin(scan.stamp, odometry)
+                slam, stamp = self.slam, scan.stamp + self._shift
+                self._last_pose = odometry.pose
+                self._last_stamp = max(self._last_stamp, stamp)
+            step = slam.process(replace(scan, stamp=stamp), odometry)
+            if step.reason:
+                self._count(step.reason, 'a scan was not used as it should')
+            yield tag, step
+
+    def _add_odometry(self, stamp: float, pose: Array, wheels: Array | None) -> None:
+        """Keep odometry unless its stamp is stray."""
         word = self._odometry_guard.check(stamp)
         if word == 'stray':
             self._count('odometry_stamps_stray', f'odometry is stamped {stamp:.3f} s')
             return
         if word != 'good':
             self._count(f'odometry_time_{word}', f'to {stamp:.3f} s')
-            self.buffer.clear()
-        self.buffer.add(stamp, pose, wheels)
+            self._buffer.clear()
+        self._buffer.add(stamp, pose, wheels)
 
-    def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
-        """Take a scan; the tag comes back with its step. now [s] is any steady time."""
+    def _add_scan(self, scan: Scan, tag: Any, now: float) -> None:
+        """Let a scan wait unless its stamp is stray."""
         word = self._scan_guard.check(scan.stamp) if np.isfinite(scan.stamp) else 'stray'
         if word == 'stray':
             self._count('scan_stamps_stray', f'a scan is stamped {scan.stamp:.3f} s')
@@ -65,18 +97,6 @@ class Session:
             self._queue.clear()
             self._jumped = True
         self._queue.add(scan.stamp, (scan, tag), now)
-
-    def steps(self, now: float) -> Iterator[tuple[Any, Step]]:
-        """Process the scans that odometry covers; yield each one's tag and step."""
-        for (scan, tag), odometry in self._queue.ready(now):
-            if self._jumped:
-                self._rejoin(scan.stamp, odometry)
-            step = self.slam.process(replace(scan, stamp=scan.stamp + self._shift), odometry)
-            self._last_pose = odometry.pose
-            self._last_stamp = max(self._last_stamp, scan.stamp + self._shift)
-            if step.reason:
-                self._count(step.reason, 'a scan was not used as it should')
-            yield tag, step
 
     def _rejoin(self, stamp: float, odometry: Odometry) -> None:
         """Go on after a jump of time, with the map where the odometry goes on, else without."""

@@ -3,10 +3,10 @@
 """
 slam_node: one robot's scans and odometry in, its map, pose and path out.
 
-The callbacks only convert and process; loops are closed and maps drawn in a worker thread.
+The callbacks only convert and keep. One thread follows the robot scan by scan, another one
+closes loops and draws maps, so that neither of them holds up what comes in.
 """
 
-from dataclasses import dataclass
 import time
 from typing import Any
 
@@ -25,30 +25,18 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import parameters, qos
-from somfusion_ros.ros.diagnostics import diagnostic_array, Faults, status
+from somfusion_ros.ros.diagnostics import diagnostic_array, Faults
 from somfusion_ros.ros.runtime import run
 from somfusion_ros.ros.session import Session
+from somfusion_ros.ros.slam_status import Last, slam_status
 from somfusion_ros.ros.tf import make_transforms, Mount
 from somfusion_ros.ros.worker import Worker
 from somfusion_ros.slam.motion import WheelOdometry
-from somfusion_ros.slam.slam import Step
 from somfusion_ros.tools.maps import write_map
 from std_srvs.srv import Trigger
 
 TICK = 0.1           # [s] between looks at scans that wait in vain
 REPORT_PERIOD = 1.0  # [s] between two diagnostics
-ODOMETRY_OLD = 2.0   # [s] without odometry that are worth a warning
-
-
-@dataclass
-class Last:
-    """What happened last: the stamp and step of the newest scan, times for the report."""
-
-    stamp: Time | None = None
-    step: Step | None = None
-    scan_seconds: float = 0.0
-    scans: int = 0
-    odometry_heard: float = float('-inf')
 
 
 class SlamNode(Node):
@@ -64,16 +52,19 @@ class SlamNode(Node):
         self._transforms = make_transforms(self, Pose.from_array(self._config.laser_pose))
         self._mount: Mount | None = None
         self._ticks = 0
-        self._last, self._reported = Last(), (0, time.monotonic())
+        self._last = Last(reported=(0, time.monotonic()))
         self._map: OccupancyGrid | None = None
         self._map_due, self._drawn = 0.0, None
+        self._tracker = Worker(self._process, self._on_worker_error, TICK)
         self._worker = Worker(self._work, self._on_worker_error)
         self._make_interfaces()
+        self._tracker.start()
         self._worker.start()
 
     def close(self, timeout: float) -> bool:
-        """Stop the worker; tell whether it ended in time."""
-        return self._worker.close(timeout)
+        """Stop both threads; tell whether they ended in time."""
+        tracked = self._tracker.close(timeout)
+        return self._worker.close(timeout) and tracked
 
     def _make_interfaces(self) -> None:
         """Make every topic, service and timer; all names are relative."""
@@ -113,7 +104,7 @@ class SlamNode(Node):
         self._mount = mount
         scan = convert.scan_from_message(message, *mount)
         self._session.add_scan(scan, message.header.stamp, self._ticks * TICK)
-        self._process()
+        self._tracker.wake()
 
     def _on_odometry(self, message: Odometry) -> None:
         """Keep a pose of the wheel odometry."""
@@ -124,7 +115,7 @@ class SlamNode(Node):
             return
         self._last.odometry_heard = time.monotonic()
         self._session.add_odometry(stamp, pose)
-        self._process()
+        self._tracker.wake()
 
     def _on_joint_states(self, message: JointState) -> None:
         """Integrate the two wheels; other joints may come in messages of their own."""
@@ -139,29 +130,31 @@ class SlamNode(Node):
             return
         self._last.odometry_heard = time.monotonic()
         self._session.add_odometry(stamp, self._wheels.update(*wheels), wheels)
-        self._process()
+        self._tracker.wake()
 
-    def _process(self) -> None:
-        """Follow the robot through the scans that odometry covers."""
+    def _process(self) -> bool:
+        """Follow the robot through one scan that odometry covers; tell whether there was one."""
         start = time.perf_counter()
-        for stamp, step in self._session.steps(self._ticks * TICK):
-            now = time.perf_counter()
-            self._last.scan_seconds, start = now - start, now
-            self._last.scans += 1
-            if step.accepted:
-                self._last.stamp, self._last.step = stamp, step
-                self._pose_pub.publish(convert.pose_with_covariance(
-                    step.pose, step.covariance, self._config.map_frame, stamp))
+        found = next(self._session.steps(self._ticks * TICK), None)
+        if found is None or self._tracker.stopping:
+            return False
+        stamp, step = found
+        self._last.scan_seconds = time.perf_counter() - start
+        self._last.scans += 1
+        if step.accepted:
+            self._last.stamp, self._last.step = stamp, step
+            self._pose_pub.publish(convert.pose_with_covariance(
+                step.pose, step.covariance, self._config.map_frame, stamp))
+        return True
 
     def _tick(self) -> None:
         """
-        Look at the waiting scans also while nothing arrives.
+        Let time pass for the scans that wait.
 
         Ticks are the clock of the waiting: they stand still while this thread is held up, so a
         scan is never dropped for odometry that lies in the inbox already.
         """
         self._ticks += 1
-        self._process()
 
     def _send_transform(self) -> None:
         """Repeat map -> odom, stamped ahead by the timeout so that consumers need not wait."""
@@ -195,20 +188,10 @@ class SlamNode(Node):
 
     def _report(self) -> None:
         """Tell /diagnostics how the node is doing."""
-        (scans, since), now = self._reported, time.monotonic()
-        self._reported = (self._last.scans, now)
-        slam, faults = self._session.slam, self._count.counts()
-        age = now - self._last.odometry_heard
-        sigma = slam.pose_sigma
-        values = {'scans_per_s': (self._last.scans - scans) / (now - since),
-                  'ms_per_scan': 1e3 * self._last.scan_seconds, 'age_of_odometry_s': age,
-                  'pose_sigma_x_m': sigma[0], 'pose_sigma_y_m': sigma[1],
-                  'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
-        warning = ('no odometry yet' if age == float('inf') else
-                   f'no odometry for {age:.1f} s' if age > ODOMETRY_OLD else
-                   'no scan could be used yet' if self._last.step is None else '')
-        self._diagnostics_pub.publish(diagnostic_array(self.get_clock().now().to_msg(), [status(
-            self.get_fully_qualified_name().lstrip('/'), self.get_namespace(), values, warning)]))
+        self._diagnostics_pub.publish(diagnostic_array(self.get_clock().now().to_msg(), [
+            slam_status(self.get_fully_qualified_name().lstrip('/'), self.get_namespace(),
+                        self._last, self._session.slam, self._count.counts(),
+                        time.monotonic())]))
 
     def _on_worker_error(self, error: Exception) -> None:
         self._count('worker_errors', repr(error))

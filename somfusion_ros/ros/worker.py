@@ -37,6 +37,11 @@ class Worker:
         """Run a job soon, after those submitted before."""
         self._jobs.put(job)
 
+    def wake(self) -> None:
+        """Let the idle step run now."""
+        if self._jobs.empty():
+            self._jobs.put(lambda: None)
+
     def close(self, timeout: float) -> bool:
         """Stop after the present job; tell whether the thread ended in time."""
         self._stop.set()
