@@ -63,6 +63,7 @@ class Graph:
             assert code == 0, f'{name} ended with status {code}: {words[-2000:]}'
             assert 'Traceback' not in words, f'{name}: {words[-3000:]}'
             assert 'error in a callback' not in words, f'{name}: {words[-3000:]}'
+            assert 'worker_errors' not in words, f'{name}: {words[-3000:]}'
 
 
 @contextmanager

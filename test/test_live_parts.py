@@ -151,6 +151,22 @@ def test_a_clock_set_back_does_not_lose_the_map() -> None:
     assert drive.error() < 0.15
 
 
+def test_scans_that_jump_before_the_odometry_wait_for_it() -> None:
+    drive = Drive()
+    drive.feed(0, 50)
+    for i in range(50, 80):
+        scan = fake_scan(fake_room(), drive.poses[i], drive.stamps[i] - 3.0, beams=181)
+        drive.session.add_scan(scan, i, 0.0)
+        drive.steps += list(drive.session.steps(0.0))
+    assert drive.steps[-1][0] == 49
+    for i in range(50, 80):
+        drive.session.add_odometry(drive.stamps[i] - 3.0, drive.odometry[i])
+        drive.steps += list(drive.session.steps(0.0))
+    assert drive.steps[-1][0] == 79
+    assert not drive.counts['maps_begun_anew']
+    assert drive.error() < 0.15
+
+
 def test_a_simulation_that_starts_again_begins_a_new_map() -> None:
     drive = Drive()
     drive.feed(0, 60)

@@ -46,6 +46,8 @@ class Session:
             self._last_stamp = -np.inf
             self._shift = 0.0
             self._jumped = False
+            self._jumps = {'scan': 0, 'odometry': 0}
+            self._hold_until = -np.inf
 
     def add_odometry(self, stamp: float, pose: Array, wheels: Array | None = None) -> None:
         """Take T_odom_base (3,) at a stamp [s]."""
@@ -61,7 +63,8 @@ class Session:
         """Process the scans that odometry covers; yield each one's tag and step."""
         while True:
             with self._lock:
-                found = next(self._queue.ready(now), None)
+                held = now < self._hold_until
+                found = None if held else next(self._queue.ready(now), None)
                 if found is None:
                     return
                 (scan, tag), odometry = found
@@ -84,6 +87,8 @@ class Session:
         if word != 'good':
             self._count(f'odometry_time_{word}', f'to {stamp:.3f} s')
             self._buffer.clear()
+            self._jumps['odometry'] += 1
+            self._hold_until = -np.inf
         self._buffer.add(stamp, pose, wheels)
 
     def _add_scan(self, scan: Scan, tag: Any, now: float) -> None:
@@ -96,6 +101,9 @@ class Session:
             self._count(f'scan_time_{word}', f'to {scan.stamp:.3f} s')
             self._queue.clear()
             self._jumped = True
+            self._jumps['scan'] += 1
+            if self._jumps['scan'] > self._jumps['odometry']:
+                self._hold_until = now + self._timeout   # the odometry is still in the old time
         self._queue.add(scan.stamp, (scan, tag), now)
 
     def _rejoin(self, stamp: float, odometry: Odometry) -> None:
