@@ -75,10 +75,17 @@ def test_a_team_is_joined_only_when_every_robot_knows_all() -> None:
 def test_why_not_repeats_the_reason_of_the_nodes() -> None:
     status = status_of({'robot1': {}, 'robot2': {}}, maps=False)
     status['diagnostics']['robot1/fusion_node: robot2'] = {
-        'message': 'walls agree 70 %', 'values': {}}
+        'message': 'robot2 has been silent for 40 s', 'values': {'reason': 'walls agree 70 %'}}
     words = live_team.why_not(status, ['robot1', 'robot2'])
     assert 'robot1 published no global map' in words
     assert 'walls agree 70 %' in words
+
+
+def test_a_team_has_settled_when_every_node_says_so() -> None:
+    status = both(TRUTH)
+    assert live_team.settled(status)
+    status['diagnostics']['robot2/fusion_node'] = {'message': 'ok', 'values': {'settled': 'False'}}
+    assert not live_team.settled(status)
 
 
 def test_picture_shows_every_robot(tmp_path: Path) -> None:

@@ -94,7 +94,8 @@ def why_not(status: Mapping[str, Any], robots: list[str]) -> str:
             missing.append(f'{robot} published no map')
         elif not joined(status, [robot]):
             missing.append(f'{robot} published no global map')
-    words = [f'{name}: {record["message"]}' for name, record in status['diagnostics'].items()
+    words = [f'{name}: {record["values"].get("reason") or record["message"]}'
+             for name, record in status['diagnostics'].items()
              if record['message'] != 'ok' and 'fusion_node' in name]
     return '; '.join([*(missing or ['not every robot was joined with every other']), *words])
 
