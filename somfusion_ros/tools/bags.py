@@ -86,9 +86,10 @@ class Log:
     def _scan(self, message: Any, log_time: float) -> Scan:
         """Convert a LaserScan; one seen upside down turns the other way round."""
         turn = -1.0 if self.upside_down else 1.0
+        with np.errstate(invalid='ignore'):   # a damaged file may hold signalling NaN
+            ranges = np.asarray(message.ranges, dtype=float)
         return Scan(
-            stamp=bag_topics.stamp(message.header, log_time),
-            ranges=np.asarray(message.ranges, dtype=float),
+            stamp=bag_topics.stamp(message.header, log_time), ranges=ranges,
             angle_min=turn * float(message.angle_min),
             angle_increment=turn * float(message.angle_increment),
             range_min=float(message.range_min), range_max=float(message.range_max),
