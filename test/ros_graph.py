@@ -67,8 +67,8 @@ class Graph:
 
 
 @contextmanager
-def ros_graph(folder: Path) -> Iterator[Graph]:
-    """Make a graph; every process ends with the block."""
+def ros_graph(folder: Path, **environment: str) -> Iterator[Graph]:
+    """Make a graph, with more in the processes' environment; they end with the block."""
     domain = free_domain()
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
@@ -76,7 +76,7 @@ def ros_graph(folder: Path) -> Iterator[Graph]:
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:
-        with Processes(folder / 'logs', ros_environment(domain)) as processes:
+        with Processes(folder / 'logs', ros_environment(domain) | environment) as processes:
             yield Graph(processes, node, executor)
     finally:
         executor.shutdown()

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from typing import Any
 
-from helpers import cut_grid, fake_grid, fake_room, need_ros, pose_error, ros_environment
+from helpers import cut_grid, fake_grid, fake_room, need_ros, pose_error, ROOT, ros_environment
 import numpy as np
 import pytest
 from somfusion_ros.geometry import apply, Array, between, compose, Pose
@@ -143,10 +143,21 @@ def test_two_robots_find_their_pose_and_share_one_map(graph: Graph) -> None:
     graph.assert_clean(graph.processes.stop())
 
 
-def test_services_and_live_parameters(graph: Graph, tmp_path: Path) -> None:
-    keep = [publish_map(graph, robot, map_of(robot)) for robot in ('robot1', 'robot2')]
+@pytest.fixture
+def wifi_graph(tmp_path: Path) -> Iterator[Graph]:
+    """Give a graph whose nodes use the profile for wireless networks."""
+    profile = str(ROOT / 'config' / 'fastdds_wifi.xml')
+    with ros_graph(tmp_path, FASTRTPS_DEFAULT_PROFILES_FILE=profile,
+                   FASTDDS_DEFAULT_PROFILES_FILE=profile) as made:
+        yield made
+
+
+def test_services_and_live_parameters_over_the_profile_for_wifi(wifi_graph: Graph,
+                                                                tmp_path: Path) -> None:
+    graph = wifi_graph
     result = start(graph, 'robot1', '-p', f'map_directory:={tmp_path}')
     assert not graph.call(Trigger, '/robot1/fusion_node/save_map').success
+    keep = [publish_map(graph, robot, map_of(robot)) for robot in ('robot1', 'robot2')]
     graph.until(lambda: result['map'], 'global map')
     saved = graph.call(Trigger, '/robot1/fusion_node/save_map')
     assert saved.success, saved.message
@@ -161,6 +172,7 @@ def test_services_and_live_parameters(graph: Graph, tmp_path: Path) -> None:
     merged = graph.call(Trigger, '/robot1/fusion_node/merge')
     assert merged.message == 'connected: robot1, robot2'
     assert len(keep) == 2
+    assert 'XML' not in graph.processes.log_path('robot1').read_text()
     graph.assert_clean(graph.processes.stop())
 
 
@@ -245,6 +257,50 @@ def test_a_late_joiner_is_reached_through_another_and_a_restarted_peer_again(
     heard.clear()
     graph.until(lambda: {m.child_frame_id for m in heard} == {'robot1/map', 'robot3/map'},
                 'both transforms of the restarted peer')
+    assert keep
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_a_sighting_joins_robots_whose_maps_do_not_overlap(graph: Graph) -> None:
+    left = cut_to_walls(map_of('robot1'), 'robot1', (-1.0, -1.0), (5.5, 12.0))
+    right = cut_to_walls(map_of('robot3'), 'robot3', (8.5, -1.0), (15.0, 12.0))
+    keep = [publish_map(graph, 'robot1', left), publish_map(graph, 'robot3', right)]
+    result = start(graph, 'robot1', '-p', 'estimation_rate:=0.01', '-p', 'map_frame:=robot1/map',
+                   '-p', 'world_frame:=robot1/world')
+    publishers = [graph.node.create_publisher(PoseWithCovarianceStamped, topic, qos.STREAM)
+                  for topic in ('/robot1/pose', '/robot3/pose', '/robot1/encounters')]
+    graph.until(lambda: all(p.get_subscription_count() for p in publishers), 'robot1 listening')
+    T_walls_base = {'robot1': Pose(5.0, 2.0, 0.3), 'robot3': Pose(7.0, 2.5, 2.0)}
+    own, peer = (compose(FRAMES[robot], T_walls_base[robot]) for robot in ('robot1', 'robot3'))
+    seen = between(T_walls_base['robot1'], T_walls_base['robot3'])
+
+    def met() -> bool:
+        for publisher, pose, frame in zip(publishers, (own, peer, seen),
+                                          ('robot1/map', 'map', 'robot3')):
+            publisher.publish(convert.pose_with_covariance(pose, np.eye(3), frame, Time(sec=9)))
+        return bool(result['transform'])
+    graph.until(met, 'transform by sighting')
+    transform = result['transform'][-1]
+    assert (transform.header.frame_id, transform.child_frame_id) == ('robot1/map', 'robot3/map')
+    transform.header.frame_id = 'map'
+    assert_true(transform, 'robot1', 'robot3')
+    graph.until(lambda: result['map'], 'global map')
+    assert result['map'][-1].header.frame_id == 'robot1/world'
+    assert share_of_walls(result['map'][-1], 'robot3', right, 'robot1') > 0.9
+    assert keep
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_known_poses_place_maps_without_a_match(graph: Graph) -> None:
+    keep = [publish_map(graph, robot, map_of(robot)) for robot in ('robot1', 'robot2')]
+    poses = [f'{robot} {x} {y} {theta}' for robot, (x, y, theta) in (
+        (robot, between(FRAMES[robot], Pose())) for robot in ('robot1', 'robot2'))]
+    graph.start('alone', 'fusion_node', '/', *FAST, '-r', 'map:=/robot1/map', '-p',
+                'robot_name:=robot1', '-p', 'known_init_poses:=true', '-p',
+                f'initial_poses:={poses}'.replace("'", '"'))
+    maps = graph.hear(OccupancyGrid, '/global_map', qos.LATCHED)
+    graph.until(lambda: maps, 'global map')
+    assert share_of_walls(maps[-1], 'robot2', map_of('robot2'), 'robot1') > 0.9
     assert keep
     graph.assert_clean(graph.processes.stop())
 
