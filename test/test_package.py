@@ -110,6 +110,28 @@ def test_scripts_go_where_ros2_run_looks() -> None:
     assert (ROOT / 'resource' / 'somfusion_ros').exists()
 
 
+def test_readme_begins_with_the_two_commands_and_its_links_lead_somewhere() -> None:
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    first = text.index('```sh')
+    assert text[first:first + 200].split('\n')[1].startswith('make demo')
+    assert text[first:first + 200].split('\n')[2].startswith('make test')
+    links = re.findall(r'\]\(([^)#]+)\)', text)
+    assert links
+    assert not [link for link in links if not (ROOT / link).exists()]
+
+
+def test_readme_names_every_topic_and_service_of_the_nodes() -> None:
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    made = set()
+    for path in (ROOT / 'somfusion_ros' / 'ros').glob('*.py'):
+        if path.stem not in ('player', 'witness'):
+            source = path.read_text(encoding='utf-8')
+            made |= set(re.findall(
+                r"create_(?:publisher|subscription|service)\(\s*\w+,\s*'([~/\w]+)'", source))
+    assert {'scan', 'odom', 'map', 'encounters', '~/reset'} <= made
+    assert not [name for name in made if f'`{name}`' not in text]
+
+
 def test_ci_runs_the_tests_and_nothing_else() -> None:
     path = ROOT / '.ci' / 'run'
     assert os.access(path, os.X_OK)
