@@ -95,7 +95,7 @@ def _add_simulate(commands: argparse._SubParsersAction) -> None:
     command.add_argument('--plan', choices=sorted(PLANS), default='office',
                          help='floor plan (default office, 17 x 10 m)')
     command.add_argument('--duration', type=_positive, metavar='S',
-                         help='longest run of a robot [s] (default: 75, in the loop 140)')
+                         help='longest run of a robot [s] (default: 75 to 140, as the plan needs)')
     command.add_argument('--wheel-error', type=float, default=0.03, metavar='SHARE',
                          help='largest error of wheel radius and separation (default 0.03)')
     command.add_argument('--storage', choices=['mcap', 'sqlite3'], default='mcap',

@@ -111,7 +111,12 @@ def corridor() -> FloorPlan:
 
 
 def symmetric() -> FloorPlan:
-    """Make two halves that are alike when turned by 180 degrees: nothing tells them apart."""
+    """
+    Make two halves that are alike when turned by 180 degrees.
+
+    Both robots see both halves, so that the true pose and its opposite fit equally well: a merge
+    must be refused as ambiguous.
+    """
     half = [wall((8.5, 0), (8.5, 3.9)), wall((0, 3.9), (8.5, 3.9), [(2.0, 1.0), (6.4, 1.0)]),
             wall((4.2, 0), (4.2, 3.9)), wall((0, 6.1), (8.5, 6.1), [(3.0, 1.1)]),
             box(0.9, 0.6, 1.5, 0.8), box(6.9, 0.5, 2.0, 0.6), pillar(5.9, 8.4, 0.3),
@@ -122,7 +127,8 @@ def symmetric() -> FloorPlan:
         parts += [piece, turned]
     left = [(2.0, 2.6), (2.0, 5.0), (3.0, 5.0), (3.0, 7.2), (2.4, 8.4), (3.0, 7.2), (3.0, 5.0),
             (6.4, 5.0), (6.4, 2.4), (6.4, 5.0), (7.8, 5.0)]
-    return _plan(parts, (17.0, 10.0), (left, [(17.0 - x, 10.0 - y) for x, y in left]))
+    right = [(17.0 - x, 10.0 - y) for x, y in left]
+    return _plan(parts, (17.0, 10.0), (left + right[::-1], right + left[::-1]), 115.0)
 
 
 def loop() -> FloorPlan:
