@@ -6,12 +6,13 @@ from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from somfusion_ros.config import FusionConfig
-from somfusion_ros.fusion import orientation, refinement, seeds, translation, verification
+from somfusion_ros.fusion import bending, orientation, refinement, seeds, translation, verification
+from somfusion_ros.fusion import verdict as verdicts
 from somfusion_ros.fusion.features import Map
 from somfusion_ros.fusion.learning import learn
+from somfusion_ros.fusion.map_trace import map_trace, MapTrace
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
 
@@ -53,30 +54,6 @@ class Alignment:
 
 
 @dataclass(frozen=True, eq=False)
-class MapTrace:
-    """
-    What was learned of one map, for figures.
-
-    segments: one array (N, 2) of wall cells [m] per segment; labels (M,) segment of each of the
-    cells (M, 2) [m]; clusters (K, 2) [m] with norms (K, 2), cluster_segments (K,) and weights
-    (K,) [m]; histogram (360,) of norms; radon image (D, offsets) over radon_directions (D,) [rad]
-    and the sharpness (D,) whose peaks tune the orientation.
-    """
-
-    segments: list[Array]
-    cells: Array
-    labels: NDArray[np.intp]
-    clusters: Array
-    norms: Array
-    cluster_segments: NDArray[np.intp]
-    weights: Array
-    histogram: Array
-    radon: Array
-    radon_directions: Array
-    radon_sharpness: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Trace:
     """An alignment, what was learned of both maps, the correlation (360,) of histograms, J."""
 
@@ -100,9 +77,10 @@ def align(target: Grid, source: Grid, config: FusionConfig | None = None,
     maps = learn(target, config), learn(source, config)
     clock.lap('learning')
     for name, one in zip(('target', 'source'), maps):
-        if len(one.features) < FEWEST:
-            return Alignment(False, 0.0, f'refused: the {name} map shows too little wall '
-                             f'({len(one.features)} clusters)', seconds=clock.seconds)
+        if len(one.features) < FEWEST or len(one.free) == 0:
+            return Alignment(False, 0.0, f'refused: the {name} map shows too little '
+                             f'({len(one.features)} clusters with a norm, {len(one.free)} free '
+                             'places)', seconds=clock.seconds)
     method = _align_as_published if config.method == 'paper' else _align
     if _rank(target, maps[0]) >= _rank(source, maps[1]):
         return method(*maps, config, clock)
@@ -111,6 +89,17 @@ def align(target: Grid, source: Grid, config: FusionConfig | None = None,
 
 def _align(target: Map, source: Map, config: FusionConfig, clock: 'Clock') -> Alignment:
     """Every stage in order, with many hypotheses at once."""
+    poses, J = search(target, source, config, clock)
+    verdict, poses, evidence = verify(poses, target, source, config)
+    clock.lap('verification')
+    pose, covariance = refinement.refine(poses[verdict.best], target, source)
+    clock.lap('refinement')
+    return _report(pose, covariance, verdict, evidence, J[:, verdict.best], poses, clock)
+
+
+def search(target: Map, source: Map, config: FusionConfig,
+           clock: 'Clock') -> tuple[Array, Array]:
+    """Propose distinct poses (B, 3) of the source, with J of every step, (steps, B)."""
     correlation = orientation.correlate(target.histogram, source.histogram)
     turns = orientation.tune(orientation.peaks(correlation, PEAKS), target.spectrum,
                              source.spectrum)
@@ -124,15 +113,33 @@ def _align(target: Map, source: Map, config: FusionConfig, clock: 'Clock') -> Al
     poses = verification.distinct(poses, score, source.pivot, config.finalists)
     poses, J = translation.settle(poses, source.features, target.features, target.nearest, *FINAL)
     clock.lap('translation')
-    evidence = [verification.measure(pose, target, source) for pose in poses]
-    verdict = verification.judge(poses, evidence, source.pivot, config.estimation_confidence)
-    clock.lap('verification')
-    pose, covariance = refinement.refine(poses[verdict.best], target, source)
-    clock.lap('refinement')
-    rival = None if verdict.rival is None else RunnerUp(
-        Pose.from_array(poses[verdict.rival]), float(verdict.probabilities[verdict.rival]))
-    return _report(pose, covariance, verdict, evidence[verdict.best], J[:, verdict.best], rival,
-                   clock)
+    return poses, J
+
+
+def verify(poses: Array, target: Map, source: Map, config: FusionConfig
+           ) -> tuple[verdicts.Verdict, Array, verification.Evidence]:
+    """Judge the best of hypotheses (B, 3); return all that were looked at, and its evidence."""
+    evidence = verification.measure(poses, target, source)
+    best = max(range(len(poses)), key=lambda k: evidence[k].score)
+    beside = verdicts.slides(poses[best], evidence[best].axis)
+    beside, _ = translation.settle(beside, source.sketch, target.features, target.nearest, *FINAL)
+    poses = np.concatenate([poses, beside])
+    evidence += verification.measure(beside, target, source)
+    others = verdicts.rivals(poses, evidence, best, source.pivot)
+    rigid = evidence[best].score
+    evidence[best] = _bent(poses[best], target, source)
+    if evidence[best].score > verdicts.BENT * rigid:
+        for k in verdicts.strongest(evidence, others):
+            evidence[k] = max(evidence[k], _bent(poses[k], target, source),
+                              key=lambda item: item.score)
+    verdict = verdicts.judge(poses, evidence, best, others, config.estimation_confidence)
+    return verdict, poses, evidence[best]
+
+
+def _bent(pose: Array, target: Map, source: Map) -> verification.Evidence:
+    """Evidence of one hypothesis (3,) when the maps may bend."""
+    warp = bending.bend(pose, target, source)
+    return verification.measure(pose[None], target, source, warp)[0]
 
 
 def _align_as_published(target: Map, source: Map, config: FusionConfig,
@@ -145,35 +152,20 @@ def _align_as_published(target: Map, source: Map, config: FusionConfig,
     start = np.r_[target.pivot - rotation(theta) @ source.pivot, theta]
     pose, J = translation.mean_shift(start, source.features, target.features, target.nearest)
     clock.lap('translation')
-    evidence = verification.measure(pose, target, source)
-    verdict = verification.judge_by_V(pose, evidence, PUBLISHED_V)
+    evidence, = verification.measure(pose[None], target, source)
+    verdict = verdicts.judge_by_V(evidence, PUBLISHED_V)
     clock.lap('verification')
-    return _report(pose, np.diag([0.01, 0.01, 1e-4]), verdict, evidence, np.asarray(J), None,
-                   clock)
+    return _report(pose, np.diag([0.01, 0.01, 1e-4]), verdict, evidence, J, pose[None], clock)
 
 
 def trace(target: Grid, source: Grid, config: FusionConfig | None = None,
           rng: np.random.Generator | None = None) -> Trace:
     """Return `align` together with its intermediate products, for figures."""
     config = config or FusionConfig()
-    parts = [_map_trace(learn(grid, config)) for grid in (target, source)]
+    parts = [map_trace(learn(grid, config)) for grid in (target, source)]
     alignment = align(target, source, config, rng)
     return Trace(alignment, *parts, orientation.correlate(*(part.histogram for part in parts)),
                  alignment.performance_index)
-
-
-def _map_trace(one: Map) -> MapTrace:
-    """Collect what figures show of one map."""
-    order = np.argsort(one.segments, kind='stable')
-    starts = np.flatnonzero(np.diff(one.segments[order])) + 1
-    directions = orientation.directions()
-    image = np.zeros((len(directions), 1))
-    if len(one.features):
-        image = orientation.radon(one.features.centres, one.features.weights, directions, 0.1)
-    return MapTrace(np.split(one.cells[order], starts), one.cells, one.segments,
-                    one.clusters.centres, one.clusters.norms, one.clusters.segments,
-                    one.clusters.weights, one.histogram, image, directions,
-                    orientation.spectrum(image))
 
 
 class Clock:
@@ -190,13 +182,14 @@ class Clock:
         self.seconds[stage], self._last = now - self._last, now
 
 
-def _report(pose: Array, covariance: Array, verdict: verification.Verdict,
-            evidence: verification.Evidence, J: Array, rival: RunnerUp | None,
-            clock: Clock) -> Alignment:
+def _report(pose: Array, covariance: Array, verdict: verdicts.Verdict,
+            evidence: verification.Evidence, J: Array, poses: Array, clock: Clock) -> Alignment:
     """Put the answer together."""
-    return Alignment(verdict.accepted, float(verdict.probabilities[verdict.best]), verdict.reason,
-                     Pose.from_array(pose), covariance, 100.0 * evidence.V,
-                     tuple(float(value) for value in J), evidence.overlap, rival, clock.seconds)
+    rival = None if verdict.rival is None else RunnerUp(
+        Pose.from_array(poses[verdict.rival]), verdict.rival_probability)
+    return Alignment(verdict.accepted, verdict.probability, verdict.reason, Pose.from_array(pose),
+                     covariance, 100.0 * float(evidence.V), tuple(float(value) for value in J),
+                     float(evidence.overlap), rival, clock.seconds)
 
 
 def _rank(grid: Grid, one: Map) -> tuple[int, tuple[int, int], bytes]:

@@ -11,47 +11,57 @@ error of a robot's own map is.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from somfusion_ros.fusion.features import lattice_shares, Map, match_at, place, Warp
 from somfusion_ros.geometry import Array
 
 SPACING = 4.0         # edge of the lattice's cells, more where that makes too many [m]
 MOST = 60             # nodes at most
-REACHES = (1.0, 0.7, 0.5, 0.4, 0.3)    # furthest match in each step [m]
-ANGLES = np.radians([25.0, 22.0, 20.0, 18.0, 15.0])
+REACHES = (1.0, 0.6, 0.4, 0.3)    # furthest match in each step [m]
+ANGLES = np.radians([25.0, 20.0, 18.0, 15.0])
+ENOUGH = 500          # clusters that decide
 SCALE = 0.15          # distance at which a match has lost half of its pull [m]
 STRETCH, SHEAR, BEND, SHIFT = 3.0, 2.0, 0.3, 0.05    # stiffness, in metres of matched wall
 
 
 def bend(pose: Array, target: Map, source: Map) -> Warp:
     """Find the smooth warp that lays the source, placed by a pose (3,), onto the target."""
-    at = place(np.asarray(pose)[None], source.features.centres)
-    low, high = at[:, 0].min(1) - 0.1, at[:, 0].max(1) + 0.1
+    clusters = source.features
+    clusters = clusters.take(np.arange(0, len(clusters), -(-len(clusters) // ENOUGH)))
+    start = place(np.asarray(pose)[None], clusters.centres)[:, 0]
+    low, high = start.min(1) - 0.1, start.max(1) + 0.1
     spacing = max(SPACING, float(np.sqrt(np.prod(high - low) / MOST)))
     columns, rows = np.ceil((high - low) / spacing).astype(int) + 1
-    index, share = lattice_shares(at[:, 0], low, spacing, (rows, columns))
-    stiffness = _stiffness(rows, columns, spacing)
-    nodes = rows * columns
-    basis = np.zeros((at.shape[2], nodes), np.float32)
-    for node, part in zip(index, share, strict=True):
-        basis[np.arange(at.shape[2]), node] += part
-    u = np.zeros((nodes, 2))
-    weights = (source.features.weights * source.features.straight).astype(np.float32)
+    stiffness = _stiffness(rows, columns, spacing) * len(clusters) / len(source.features)
+    basis = np.zeros((len(clusters), rows * columns), np.float32)
+    for node, part in zip(*lattice_shares(start, low, spacing, (rows, columns)), strict=True):
+        basis[np.arange(len(clusters)), node] += part
+    weights = (clusters.weights * clusters.straight).astype(np.float32)
+    u = np.zeros((2, rows * columns), np.float32)
     for angle, reach in zip(ANGLES, REACHES, strict=True):
-        here = at[:, 0] + (basis @ u).T
-        found = match_at(here[:, None], pose[2:], source.features, target.features,
+        moved = u @ basis.T
+        found = match_at((start + moved)[:, None], pose[2:], clusters, target.features,
                          target.nearest, angle, reach)
-        used = np.flatnonzero(found.agrees[0])
-        if len(used) < 3:
-            break
-        off, norm = found.off[0, used], found.norms[:, 0, used]
-        pull = weights[used] / (1.0 + (off / SCALE) ** 2)
-        J = np.concatenate([basis[used] * norm[0, :, None], basis[used] * norm[1, :, None]], 1)
-        wanted = off + np.einsum('in,ni->n', norm, (basis[used] @ u))
-        Jw = J * pull[:, None]
-        u = np.linalg.solve((Jw.T @ J).astype(float) + stiffness, Jw.T @ wanted)
-        u = u.reshape(2, nodes).T
-    return Warp(u.reshape(rows, columns, 2).astype(np.float32), low, spacing)
+        off, norm = found.off[0], found.norms[:, 0]
+        pull = found.agrees[0] * weights / (1.0 + (off / SCALE) ** 2)
+        u = _solve(basis, norm, pull, off + (norm * moved).sum(0), stiffness)
+    return Warp(np.ascontiguousarray(u.T).reshape(rows, columns, 2), low, spacing)
+
+
+def _solve(basis: NDArray[np.float32], norm: Array, pull: Array, wanted: Array,
+           stiffness: Array) -> NDArray[np.float32]:
+    """Displacements (2, n) of the nodes that move points (M,) by `wanted` along their norms."""
+    n = basis.shape[1]
+    H, g = stiffness.copy(), np.empty(2 * n)
+    for i in (0, 1):
+        g[i * n:(i + 1) * n] = (pull * wanted * norm[i]) @ basis
+        for j in range(i, 2):
+            block = (basis * (pull * norm[i] * norm[j])[:, None]).T @ basis
+            H[i * n:(i + 1) * n, j * n:(j + 1) * n] += block
+            if i != j:
+                H[j * n:(j + 1) * n, i * n:(i + 1) * n] += block.T
+    return np.linalg.solve(H, g).reshape(2, n).astype(np.float32)
 
 
 def _stiffness(rows: int, columns: int, spacing: float) -> Array:

@@ -41,6 +41,12 @@ class Clusters:
         """Count the neurons."""
         return len(self.centres)
 
+    @cached_property
+    def table(self) -> NDArray[np.float32]:
+        """Centres, norms, weights and whether the norm's sign is sure, (6, K): one look-up."""
+        return np.stack([*self.centres.T, *self.norms.T, self.weights,
+                         self.sided > SURE]).astype(np.float32)
+
     def take(self, chosen: Index) -> 'Clusters':
         """Return the chosen clusters, without edges."""
         parts = (self.norms, self.straight, self.sided)
@@ -164,13 +170,14 @@ class Matches:
     """
     Source clusters placed by B poses, each with the nearest target cluster.
 
-    at (2, B, K) places [m]; other (B, K) index of the target cluster; norms (2, B, K) of that;
-    off (B, K) distance to its line [m], positive along its norm; agrees (B, K).
+    at (2, B, K) places [m]; other (B, K) index of the target cluster, with its norm (2, B, K) and
+    weight (B, K) [m]; off (B, K) distance to its line [m], positive along its norm; agrees (B, K).
     """
 
     at: NDArray[np.float32]
-    other: NDArray[np.int32]
+    other: Index
     norms: NDArray[np.float32]
+    weights: NDArray[np.float32]
     off: NDArray[np.float32]
     agrees: NDArray[np.bool_]
 
@@ -190,14 +197,15 @@ def match(poses: Array, source: Clusters, target: Clusters, nearest: Raster, ang
 def match_at(at: NDArray[np.float32], turns: Array, source: Clusters, target: Clusters,
              nearest: Raster, angle: float, reach: float) -> Matches:
     """Match source clusters that lie at places (2, B, K) [m], turned by B angles [rad]."""
-    other = nearest.at(at)
+    other = nearest.at(at).astype(np.intp)
     agrees = other >= 0
-    other = np.where(agrees, other, 0)
+    # Index -1, for "none", reads the last cluster: harmless, it does not agree.
+    x, y, across, up, weights, signed = np.take(target.table, other, axis=1, mode='wrap')
     turn = np.column_stack([np.zeros((len(turns), 2)), turns])
-    mine, norms = place(turn, source.norms), target.norms.astype(np.float32).T[:, other]
-    cosine = mine[0] * norms[0] + mine[1] * norms[1]
-    sure = (source.sided > SURE) & (target.sided > SURE)[other]
-    agrees &= np.where(sure, cosine, np.abs(cosine)) > np.cos(angle)
-    away = target.centres.astype(np.float32).T[:, other] - at
-    agrees &= away[0] ** 2 + away[1] ** 2 < reach ** 2
-    return Matches(at, other, norms, away[0] * norms[0] + away[1] * norms[1], agrees)
+    mine = place(turn, source.norms)
+    cosine = mine[0] * across + mine[1] * up
+    both = signed * source.table[5] > 0
+    agrees &= np.where(both, cosine, np.abs(cosine)) > np.cos(angle)
+    x, y = x - at[0], y - at[1]
+    agrees &= x * x + y * y < reach ** 2
+    return Matches(at, other, np.stack([across, up]), weights, x * across + y * up, agrees)

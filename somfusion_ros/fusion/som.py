@@ -12,12 +12,10 @@ of a wall and a graph of a crossing.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from somfusion_ros.geometry import Array
 
 Index = NDArray[np.intp]
-NEAR = 4     # neurons around a cell that can win it during the whole training
 
 
 def presentations(evidence: Array, delta: float) -> Array:
@@ -43,25 +41,34 @@ def train(points: Array, times: Array, segments: Index, spacing: float,
     centres (K, 2) [m], the segment (K,) of each neuron, edges (E, 2) between adjacent neurons,
     and the winner (N,) of each cell
     """
-    home = _squares(points, segments, spacing)
+    home, of, near = _neighbourhoods(points, segments, spacing)
     centres = _means(points, times, home)
-    of = np.zeros(len(centres), np.intp)
-    of[home] = segments
-    near = cKDTree(centres).query(points, k=min(NEAR, len(centres)))[1].reshape(len(points), -1)
-    foreign = of[near] != segments[:, None]
+    near = near[home]
     for step in range(passes):
-        winner, runner = _two_nearest(points, centres, near, foreign)
+        winner, runner = _two_nearest(points, centres, near)
         share = 0.5 * (1.0 - (step + 1) / passes)
         centres = _pull(points, times, winner, runner, share, centres)
     return _finish(centres, of, winner, runner)
 
 
-def _squares(points: Array, segments: Index, spacing: float) -> Index:
-    """Give each cell (N,) a first neuron: one for every square in which a segment has cells."""
-    squares = np.floor((points - points.min(0)) / spacing).astype(np.int64)
-    columns, rows = squares.max(0) + 1
+def _neighbourhoods(points: Array, segments: Index,
+                    spacing: float) -> tuple[Index, Index, Index]:
+    """
+    Give every square of edge `spacing` in which a segment has cells a first neuron.
+
+    Returns
+    -------
+    (N,) first neuron of each cell, (K,) segment of each neuron, and (K, 9) the neurons of the
+    same segment in the squares around, K where there is none: one of them wins in every pass
+    """
+    squares = np.floor((points - points.min(0)) / spacing).astype(np.int64) + 1
+    columns, rows = squares.max(0) + 2
     key = (segments.astype(np.int64) * rows + squares[:, 1]) * columns + squares[:, 0]
-    return np.unique(key, return_inverse=True)[1]
+    keys, home = np.unique(key, return_inverse=True)
+    around = np.array([row * columns + column for row in (-1, 0, 1) for column in (-1, 0, 1)])
+    wanted = keys[:, None] + around
+    found = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return home, keys // (rows * columns), np.where(keys[found] == wanted, found, len(keys))
 
 
 def _means(points: Array, times: Array, winner: Index) -> Array:
@@ -70,17 +77,17 @@ def _means(points: Array, times: Array, winner: Index) -> Array:
     return np.column_stack([np.bincount(winner, times * axis) / mass for axis in points.T])
 
 
-def _two_nearest(points: Array, centres: Array, near: Index,
-                 foreign: NDArray[np.bool_]) -> tuple[Index, Index]:
-    """Winner (N,) and runner-up (N,) of each cell among the neurons (N, k) of its segment."""
-    distance = sum((centres[near, axis] - points[:, axis, None]) ** 2 for axis in (0, 1))
-    distance[foreign] = np.inf
-    cells = np.arange(len(points))
+def _two_nearest(points: Array, centres: Array, near: Index) -> tuple[Index, Index]:
+    """Winner (N,) and runner-up (N,) of each cell among the neurons (N, k) near it."""
+    table = np.vstack([centres, [np.inf, np.inf]]).astype(np.float32)
+    cells = points.astype(np.float32)
+    distance = (table[:, 0][near] - cells[:, :1]) ** 2 + (table[:, 1][near] - cells[:, 1:]) ** 2
+    every = np.arange(len(points))
     first = distance.argmin(1)
-    distance[cells, first] = np.inf
+    distance[every, first] = np.inf
     second = distance.argmin(1)
-    alone = ~np.isfinite(distance[cells, second])
-    return near[cells, first], near[cells, np.where(alone, first, second)]
+    alone = ~np.isfinite(distance[every, second])
+    return near[every, first], near[every, np.where(alone, first, second)]
 
 
 def _pull(points: Array, times: Array, winner: Index, runner: Index, share: float,

@@ -48,8 +48,7 @@ def settle(poses: Array, source: Clusters, target: Clusters, nearest: Raster,
     poses, index = np.array(poses, dtype=float), []
     for angle, reach in zip(angles, reaches, strict=True):
         found = match(poses, source, target, nearest, angle, reach)
-        weight = found.agrees * np.minimum(source.weights.astype(np.float32),
-                                           target.weights.astype(np.float32)[found.other])
+        weight = found.agrees * np.minimum(source.table[4], found.weights)
         poses = _turn_about(poses, *_solve(found, weight))
         total = np.einsum('bk->b', weight)
         index.append(np.einsum('bk,bk->b', weight, np.abs(found.off)) / np.maximum(total, 1e-6))

@@ -13,13 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from somfusion_ros.fusion.features import Clusters, Map, match_at, place, Warp
 from somfusion_ros.geometry import Array, inverse, rotation, wrap
 
 TOLERANCE = 0.2        # a wall within this distance of another is the same [m]
 ANGLE = np.radians(25.0)
-SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]
+PLACE = 0.8            # wall at one place from which more counts less [m]
 
 
 @dataclass(frozen=True)
@@ -28,13 +29,15 @@ class Evidence:
     Measures of one hypothesis.
 
     matched: wall that coincides, mean of both maps [m]; ratio: matched / (matched + wall that
-    the other map saw as free); overlap: share of the smaller map's free area that the other map
-    knows; weak, weak_ratio: the same as matched and ratio for the direction with the least
-    evidence, which `axis` (2,) is, in the target's frame; V of (12) [0..1].
+    the other map saw as free); fine_ratio: ratio at half the tolerance; overlap: share of the
+    smaller map's free area that the other map knows; weak, weak_ratio: like matched and ratio, of
+    distinct places along the direction with the least evidence, which `axis` (2,) is, in the
+    target's frame; V of (12) [0..1].
     """
 
     matched: float
     ratio: float
+    fine_ratio: float
     overlap: float
     weak: float
     weak_ratio: float
@@ -82,133 +85,92 @@ def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
     return poses[kept]
 
 
-def measure(pose: Array, target: Map, source: Map, warp: Warp | None = None,
-            tolerance: float = TOLERANCE) -> Evidence:
-    """Take all measures of one hypothesis (3,), of the source as it is or bent by a warp."""
-    T = Overlay(np.asarray(pose, dtype=float), warp)
-    length, info, votes, shares = np.zeros(2), np.zeros((2, 2, 2)), np.zeros(2), []
-    for lay, turn, seen, by in ((T.forth, T.pose[2], source, target),
-                                (T.back, -T.pose[2], target, source)):
-        length += _tally(by.clearance.at(lay(seen.clusters.centres)), seen.clusters,
-                         tolerance)[:, 0] / 2.0
-        R = rotation(T.pose[2]) if seen is source else np.eye(2)
-        info += R @ _information(lay, turn, seen, by, tolerance) @ R.T / 2.0
-        share, vote = _free_agreement(lay(seen.free), by)
-        shares.append(share)
-        votes += vote
-    (matched, against), (weak, axes) = length, np.linalg.eigh(info[0])
-    held, lost = max(float(weak[0]), 0.0), float(axes[:, 0] @ info[1] @ axes[:, 0])
-    return Evidence(matched, matched / (matched + against + 1.0), max(shares), held,
-                    held / (held + lost + 0.5), float(votes[0] / max(votes.sum(), 1.0)),
-                    axes[:, 0])
+def measure(poses: Array, target: Map, source: Map, warp: Warp | None = None,
+            tolerance: float = TOLERANCE) -> list[Evidence]:
+    """Take all measures of hypotheses (B, 3), of the source as it is or bent by a warp."""
+    lay = Overlay(np.asarray(poses, dtype=float), warp)
+    ways = [_Way(source, target, lay.forth, lay.poses[:, 2], tolerance),
+            _Way(target, source, lay.back, -lay.poses[:, 2], tolerance)]
+    matched, against, near, far = sum(way.lengths() for way in ways) / 2.0
+    R = rotation(lay.poses[:, 2])
+    info = ways[0].information(), ways[1].information()
+    axis = np.linalg.eigh(R @ info[0] @ np.swapaxes(R, 1, 2) + info[1])[1][:, :, 0]
+    held, lost = (ways[0].places(np.einsum('bji,bj->bi', R, axis)) + ways[1].places(axis)) / 2.0
+    shares, votes = zip(*(way.free_agreement() for way in ways), strict=True)
+    agree, differ = sum(votes)
+    return [Evidence(*row) for row in zip(
+        matched, matched / (matched + against + 1.0), near / (near + far + 1.0),
+        np.max(shares, axis=0), held,
+        held / (held + lost + 0.5), agree / np.maximum(agree + differ, 1.0), axis, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """A pose (3,) and a warp in the target's frame, applied forth and back."""
+    """Poses (B, 3) and a warp in the target's frame, applied forth and back."""
 
-    pose: Array
+    poses: Array
     warp: Warp | None
 
-    def forth(self, points: Array) -> Array:
-        """Lay source points (K, 2) on the target: (2, 1, K)."""
-        at = place(self.pose[None], points)
+    def forth(self, points: Array) -> NDArray[np.float32]:
+        """Lay source points (K, 2) on the target: (2, B, K)."""
+        at = place(self.poses, points)
         return at if self.warp is None else at + self.warp.at(at)
 
-    def back(self, points: Array) -> Array:
-        """Lay target points (K, 2) on the source: (2, 1, K)."""
+    def back(self, points: Array) -> NDArray[np.float32]:
+        """Lay target points (K, 2) on the source: (2, B, K)."""
         if self.warp is not None:
             points = points - self.warp.at(points.T.astype(np.float32)).T
-        return place(inverse(self.pose)[None], points)
+        return place(inverse(self.poses), points)
 
 
-def _information(lay: Callable[[Array], Array], turn: float, seen: Map, by: Map,
-                 tolerance: float) -> Array:
-    """Sum (2, 2, 2) of w n n' over matched clusters, and over those on free space [m]."""
-    clusters = seen.features
-    at = lay(clusters.centres)
-    found = match_at(at, np.array([turn]), clusters, by.features, by.nearest, ANGLE, 0.8)
-    on = (found.agrees & (np.abs(found.off) <= tolerance))[0]
-    off = by.clearance.at(at)[0] > tolerance
-    weight = clusters.weights * clusters.straight
-    return np.stack([(clusters.norms * (weight * which)[:, None]).T @ clusters.norms
-                     for which in (on, off)])
+class _Way:
+    """One map laid on the other by B poses: what of it is seen where it should be."""
 
+    def __init__(self, seen: Map, by: Map, lay: Callable[[Array], NDArray[np.float32]],
+                 turns: Array, tolerance: float) -> None:
+        """Look up where the features fall."""
+        self.seen, self.by, self.lay, self.tolerance = seen, by, lay, tolerance
+        clusters = seen.features
+        self.weight = clusters.weights * clusters.straight
+        at = lay(clusters.centres)
+        found = match_at(at, turns, clusters, by.features, by.nearest, ANGLE, 0.8)
+        self.on = found.agrees & (np.abs(found.off) <= tolerance)
+        self.off = by.clearance.at(at) > tolerance
 
-def _free_agreement(at: Array, by: Map) -> tuple[float, Array]:
-    """Share of free places (2, 1, F) that the other map knows; how many agree, disagree."""
-    away = by.clearance.at(at)[0]
-    wall = np.abs(away) < 0.6 * by.clearance.resolution
-    free = (away > 0) & ~wall
-    return float((wall | free).mean()), np.array([free.sum(), wall.sum()], dtype=float)
+    def lengths(self) -> Array:
+        """Length (4, B) [m] of wall on a wall, on free space; the same at half the tolerance."""
+        away = self.by.clearance.at(self.lay(self.seen.clusters.centres))
+        return np.concatenate([_tally(away, self.seen.clusters, tolerance)
+                               for tolerance in (self.tolerance, self.tolerance / 2.0)])
 
+    def information(self) -> Array:
+        """Sum (B, 2, 2) of w n n' over the matched features, in the frame of this map [m]."""
+        norms = self.seen.features.norms
+        outer = (norms[:, :, None] * norms[:, None]).reshape(-1, 4) * self.weight[:, None]
+        return (self.on @ outer).reshape(-1, 2, 2)
 
-def slides(pose: Array, axis: Array) -> Array:
-    """Poses (8, 3) beside a hypothesis (3,), along the direction (2,) that is fixed worst."""
-    steps = np.zeros((len(SLIDES), 3))
-    steps[:, :2] = np.outer(SLIDES, axis)
-    return pose + steps
+    def places(self, axis: Array) -> Array:
+        """
+        Evidence (2, B) along axes (B, 2) of this map's frame: matched, and against [m].
 
+        Walls across an axis fix the place along it. What lies within one metre along the axis is
+        one place, and more wall there adds less and less: two end walls may meet by chance, many
+        doors do not.
+        """
+        clusters = self.seen.features
+        weight = self.weight * (axis @ clusters.norms.T) ** 2
+        bins = np.floor(axis @ clusters.centres.T).astype(np.intp)
+        bins -= bins.min(initial=0)
+        count = int(bins.max(initial=0)) + 1
+        flat = (bins + count * np.arange(len(axis))[:, None]).ravel()
+        sums = [np.bincount(flat, (weight * which).ravel(), len(axis) * count)
+                for which in (self.on, self.off)]
+        return PLACE * np.log1p(np.reshape(sums, (2, len(axis), count)) / PLACE).sum(2)
 
-@dataclass(frozen=True)
-class Verdict:
-    """Which hypothesis is best, its probability, whether it is accepted, and why."""
-
-    best: int
-    rival: int | None
-    probabilities: Array
-    accepted: bool
-    reason: str
-
-
-def judge(poses: Array, evidence: list[Evidence], pivot: Array, confidence: float) -> Verdict:
-    """
-    Weigh hypotheses (B, 3) by their evidence.
-
-    pivot (2,) is the place of the source at which two poses are compared; rivals lie more than
-    0.7 m or 8 degrees away from the best.
-    """
-    score = np.array([item.score for item in evidence])
-    best = int(score.argmax())
-    spot = place(poses, pivot[None])[:, :, 0].T
-    apart = np.hypot(*(spot - spot[best]).T) > 0.7
-    apart |= np.abs(wrap(poses[:, 2] - poses[best, 2])) > np.radians(8.0)
-    rivals = np.flatnonzero(apart)
-    rival = int(rivals[score[rivals].argmax()]) if len(rivals) else None
-    chance = np.array([probability(item) for item in evidence])
-    if rival is not None:
-        margin = score[best] / max(score[rival], 1e-6)
-        chance[best] *= 1.0 / (1.0 + np.exp(-20.0 * (margin - 1.15)))
-    accepted = bool(chance[best] >= confidence)
-    return Verdict(best, rival, chance, accepted,
-                   _reason(accepted, evidence[best], poses, best, rival, score))
-
-
-def probability(item: Evidence) -> float:
-    """Chance that a hypothesis is right, from its own evidence alone."""
-    z = (8.0 * (item.weak_ratio - 0.72) / 0.1 * 0.3 + 6.0 * (item.ratio - 0.8)
-         + 1.5 * np.log((item.weak + 0.1) / 4.0) + 1.0 * np.log((item.matched + 0.1) / 15.0)
-         + 0.5 * np.log((item.overlap + 0.01) / 0.1) + 1.0)
-    return float(1.0 / (1.0 + np.exp(-np.clip(z, -30.0, 30.0))))
-
-
-def _reason(accepted: bool, item: Evidence, poses: Array, best: int, rival: int | None,
-            score: Array) -> str:
-    """Say in one sentence, with numbers, what decided."""
-    text = (f'{"accepted" if accepted else "refused"}: walls agree {100 * item.ratio:.0f} % over '
-            f'{item.matched:.0f} m, {100 * item.weak_ratio:.0f} % over {item.weak:.1f} m in the '
-            f'weakest direction, overlap {100 * item.overlap:.0f} %')
-    if rival is None:
-        return text + '; no rival'
-    step = poses[rival] - poses[best]
-    turn = np.degrees(wrap(step[2]))
-    return text + (f'; best rival {np.hypot(step[0], step[1]):.1f} m and {abs(turn):.0f} deg away '
-                   f'at {score[rival] / max(score[best], 1e-6):.2f}')
-
-
-def judge_by_V(pose: Array, evidence: Evidence, threshold: float) -> Verdict:
-    """Accept the only hypothesis (3,) if V of (12) reaches the threshold, as published."""
-    accepted = evidence.V >= threshold
-    return Verdict(0, None, np.array([evidence.V]), accepted,
-                   f'{"accepted" if accepted else "refused"}: V is {100 * evidence.V:.1f} %, '
-                   f'threshold {100 * threshold:.0f} %')
+    def free_agreement(self) -> tuple[Array, Array]:
+        """Share (B,) of free places that the other map knows; agreeing and not, (2, B)."""
+        away = self.by.clearance.at(self.lay(self.seen.free))
+        wall = np.abs(away) < 0.6 * self.by.clearance.resolution
+        free = (away > 0) & ~wall
+        return ((wall | free).sum(1) / max(away.shape[1], 1),
+                np.stack([free.sum(1), wall.sum(1)]).astype(float))

@@ -1,0 +1,140 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps made from maps, and from nothing: bent, worn, cut, mirrored; corridors and offices."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from somfusion_ros.geometry import apply, Array, inverse
+from somfusion_ros.grid import Grid
+
+Random = np.random.Generator
+Warped = Callable[[Array], Array]
+CELL = 0.05
+
+
+def bend(grid: Grid, degrees: float, rng: Random) -> tuple[Grid, Warped]:
+    """
+    Bend a map as drift does, by an angle over its length.
+
+    Returns the bent map, and the function that takes points of the straight map to it.
+    """
+    rows, columns = np.nonzero(grid.free)
+    local = np.column_stack([columns, rows]) * grid.resolution
+    size, centre = np.ptp(np.percentile(local, [5, 95], axis=0), axis=0), local.mean(0)
+    u = np.eye(2)[size.argmax()]
+    v, k = np.array([-u[1], u[0]]), np.radians(degrees) / size.max() * rng.choice([-1, 1])
+
+    def straighten(points: Array) -> Array:
+        s, t = (points - centre) @ u, (points - centre) @ v
+        return centre + np.outer(s + k * s * t, u) + np.outer(t - 0.5 * k * s * s, v)
+
+    def bent(points: Array) -> Array:
+        wanted = apply(inverse(grid.T_frame_grid), points)
+        found = wanted
+        for _ in range(8):
+            found = found + wanted - straighten(found)
+        return apply(grid.T_frame_grid, found)
+    return _resampled(grid, straighten), bent
+
+
+def worn(grid: Grid, rng: Random, shake: float = 0.5) -> Grid:
+    """Lose a tenth of the walls, add specks, and shake walls by up to a cell."""
+    evidence, chance = grid.evidence.copy(), rng.random(grid.shape)
+    evidence[grid.occupied & (chance < 0.1)] = 0.0
+    evidence[grid.free & (chance < 0.0005)] = -0.8
+    coarse = [rng.normal(0.0, shake * grid.resolution, [side // 40 + 2 for side in grid.shape])
+              for _ in range(2)]
+    shift = [cv2.resize(c, grid.shape[::-1], interpolation=cv2.INTER_CUBIC).ravel()
+             for c in coarse]
+    return _resampled(Grid(evidence, grid.resolution, grid.T_frame_grid),
+                      lambda points: points + np.column_stack(shift))
+
+
+def halves(grid: Grid, overlap: float, rng: Random) -> tuple[Grid, Grid]:
+    """Cut a map in two that share a strip of `overlap` [m], or have a gap where it is negative."""
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    row, column = np.indices(grid.shape)
+    along = (column * np.cos(angle) + row * np.sin(angle)) * grid.resolution
+    middle = np.median(along[grid.free])
+    parts = along < middle + overlap / 2.0, along > middle - overlap / 2.0
+    return tuple(Grid(np.where(part, grid.evidence, 0.0), grid.resolution, grid.T_frame_grid)
+                 for part in parts)
+
+
+def mirrored(grid: Grid) -> Grid:
+    """Give another place that looks alike."""
+    return Grid(grid.evidence[:, ::-1], grid.resolution, grid.T_frame_grid)
+
+
+def corridor(rng: Random, width: float, length: float, crossings: int) -> Grid:
+    """Draw a corridor with doors, alcoves and crossings at random places, its ends seen or not."""
+    drawing = Drawing(length, 2.0 * 5.0 + width)
+    middle = 5.0 + width / 2.0
+    drawing.free(0.0, length, 5.0, 5.0 + width)
+    start = rng.uniform(1.0, 4.0)
+    while start < length - 1.5:
+        depth = rng.uniform(1.0, 3.0) if rng.random() < 0.25 else rng.uniform(0.05, 0.3)
+        near = 5.0 + width if rng.random() < 0.5 else 5.0 - depth
+        drawing.free(start, start + rng.uniform(0.8, 1.1), near, near + depth)
+        start += rng.uniform(1.2, 6.0)
+    for _ in range(crossings):
+        at = rng.uniform(2.0, length - 4.0)
+        low, high = ((middle, 9.9 + width), (0.1, middle), (0.1, 9.9 + width))[rng.integers(3)]
+        drawing.free(at, at + rng.uniform(1.5, 2.5), low, high)
+    hidden = [0.5 if rng.random() < 0.5 else 0.0 for _ in range(2)]
+    return worn(drawing.grid(*hidden), rng)
+
+
+def office(rng: Random, layout: Random, rooms: int) -> Grid:
+    """Draw equal rooms along both sides of a corridor; only what stands in them differs."""
+    width, depth, aisle = layout.uniform(2.8, 4.5), layout.uniform(3, 5), layout.uniform(1.6, 2.6)
+    door = layout.uniform(0.5, width - 1.5)
+    drawing = Drawing(rooms * width, 2.0 * depth + aisle)
+    drawing.free(0.0, rooms * width, depth, depth + aisle)
+    for x in np.arange(rooms) * width:
+        for low, gap in ((0.0, depth - 0.2), (depth + aisle + 0.12, depth + aisle - 0.05)):
+            drawing.free(x + 0.06, x + width - 0.06, low, low + depth - 0.12)
+            drawing.free(x + door, x + door + 0.9, gap, gap + 0.25)
+            for _ in range(rng.integers(0, 3)):
+                spot = x + rng.uniform(0.3, width - 1.2), low + rng.uniform(0.4, depth - 1.2)
+                drawing.fill(spot[0], spot[0] + rng.uniform(0.3, 0.9), spot[1], spot[1] + 0.6)
+    return worn(drawing.grid(), rng)
+
+
+class Drawing:
+    """Rectangles [m] of free space in the unknown; what borders on them is wall."""
+
+    def __init__(self, width: float, height: float) -> None:
+        """Leave one metre around."""
+        self.image = np.zeros((int((height + 2) / CELL), int((width + 2) / CELL)), np.uint8)
+
+    def free(self, x0: float, x1: float, y0: float, y1: float, value: int = 1) -> None:
+        """Open a rectangle."""
+        ends = [int((edge + 1.0) / CELL) for edge in (x0, y0, x1, y1)]
+        self.image[ends[1]:ends[3], ends[0]:ends[2]] = value
+
+    def fill(self, x0: float, x1: float, y0: float, y1: float) -> None:
+        """Close a rectangle."""
+        self.free(x0, x1, y0, y1, 0)
+
+    def grid(self, left: float = 0.0, right: float = 0.0) -> Grid:
+        """Make the map; a part [m] at the left and the right end was not seen."""
+        wall = (cv2.dilate(self.image, np.ones((3, 3), np.uint8)) > 0) & (self.image == 0)
+        evidence = np.where(wall, -1.0, self.image).astype(np.float32)
+        if left:
+            evidence[:, :int((1.0 + left) / CELL)] = 0.0
+        if right:
+            evidence[:, -int((1.0 + right) / CELL):] = 0.0
+        return Grid(evidence, CELL)
+
+
+def _resampled(grid: Grid, back: Warped) -> Grid:
+    """Fill a map's cells from where a function of local points (N, 2) [m] says they come from."""
+    row, column = np.indices(grid.shape)
+    points = (np.column_stack([column.ravel(), row.ravel()]) + 0.5) * grid.resolution
+    x, y = (back(points) / grid.resolution - 0.5).astype(np.float32).T.reshape(2, *grid.shape)
+    evidence = cv2.remap(grid.evidence, np.ascontiguousarray(x), np.ascontiguousarray(y),
+                         cv2.INTER_NEAREST)
+    return Grid(evidence, grid.resolution, grid.T_frame_grid)

@@ -1,0 +1,186 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Evidence for a hypothesis, and what the verdict makes of it."""
+
+from dataclasses import replace
+from functools import cache
+
+from helpers import cut_grid, fake_grid, fake_room
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from somfusion_ros.fusion import field, verification
+from somfusion_ros.fusion.features import Map
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.fusion.verdict import (judge, judge_by_V, probability, rivals, slides,
+                                          strongest)
+from somfusion_ros.fusion.verification import Evidence, measure
+from somfusion_ros.geometry import compose, inverse, Pose
+from somfusion_ros.grid import Grid
+
+GOOD = Evidence(60.0, 0.97, 0.96, 0.6, 10.0, 0.92, 0.99, np.array([1.0, 0.0]))
+BAD = Evidence(20.0, 0.5, 0.4, 0.3, 1.0, 0.2, 0.95, np.array([1.0, 0.0]))
+
+
+@cache
+def room(x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> Map:
+    """Learn the room as seen from a frame in which its corner lies at (x, y, theta)."""
+    return learn(fake_grid(fake_room(), 0.05, Pose(x, y, theta)))
+
+
+@cache
+def corridor() -> Map:
+    """Two parallel walls without ends."""
+    image = np.zeros((60, 400), np.float32)
+    image[10:50] = 1.0
+    image[[10, 49]] = -1.0
+    image[:, :20] = image[:, -20:] = 0.0
+    return learn(Grid(image, 0.05))
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(-3.1, 3.1))
+def test_the_truth_agrees_in_everything(theta: float) -> None:
+    """At the true pose nearly all wall is matched, nothing is missed, V is near 1."""
+    found, = measure(np.array([[1.0, 2.0, theta]]), room(1.0, 2.0, theta), room())
+    wall = room().clusters.weights.sum()
+    assert found.matched > 0.9 * wall and found.ratio > 0.95
+    assert found.weak_ratio > 0.85 and found.overlap > 0.95 and found.V > 0.98
+
+
+def test_a_wrong_place_lowers_every_measure() -> None:
+    """One metre off along x: walls stand where the other map saw free space."""
+    good, bad = measure(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), room(), room())
+    assert bad.ratio < 0.8 * good.ratio and bad.weak_ratio < 0.7 * good.weak_ratio
+    assert bad.V < good.V and bad.score < 0.7 * good.score
+
+
+def test_measures_do_not_depend_on_the_direction() -> None:
+    """Exchanging the maps and inverting the pose gives the same evidence."""
+    T = np.array([1.0, 2.0, 0.7]) + (0.1, -0.2, 0.02)
+    forth, = measure(T[None], room(1.0, 2.0, 0.7), room())
+    back, = measure(inverse(T)[None], room(), room(1.0, 2.0, 0.7))
+    for name in ('matched', 'ratio', 'overlap', 'V'):
+        assert getattr(forth, name) == pytest.approx(getattr(back, name), rel=1e-3), name
+    assert forth.weak == pytest.approx(back.weak, rel=0.1)
+
+
+def test_a_corridor_gives_no_evidence_along_itself() -> None:
+    """All wall coincides, and yet nothing fixes the place along the corridor."""
+    found, slid = measure(np.array([[0.0, 0, 0], [2.0, 0, 0]]), corridor(), corridor())
+    assert found.ratio > 0.95 and slid.ratio > 0.9
+    assert found.weak < 1.0 and abs(found.axis[0]) > 0.99
+
+
+def test_overlap_is_the_share_of_the_smaller_map() -> None:
+    """Half a room lies wholly on the room: 1; two halves that share a third: about that."""
+    grid = fake_grid(fake_room(9.0, 6.0))
+    half = learn(cut_grid(grid, (-1, -1), (4.5, 7)))
+    other = learn(cut_grid(grid, (3, -1), (10, 7)))
+    whole, = measure(np.zeros((1, 3)), learn(grid), half)
+    part, = measure(np.zeros((1, 3)), other, half)
+    assert whole.overlap > 0.97
+    assert part.overlap == pytest.approx(1 / 3, abs=0.08)
+
+
+def test_scores_rank_like_the_evidence() -> None:
+    """The cheap score of many hypotheses is the evidence's score, up to its thinning."""
+    poses = np.array([[0, 0, 0], [0.3, 0, 0], [1.0, 0.5, 0.1], [3, 3, 3]], dtype=float)
+    exact = [item.score for item in measure(poses, room(), room())]
+    assert verification.scores(poses, room(), room()) == pytest.approx(exact, rel=1e-3)
+    quick = verification.scores(poses, room(), room(), every=2)
+    assert np.argsort(quick).tolist() == np.argsort(exact).tolist()
+
+
+def test_distinct_keeps_the_best_of_each_place() -> None:
+    """Near duplicates go, best first, at most as many as wanted."""
+    poses = np.array([[0, 0, 0], [0.1, 0, 0], [5, 0, 0], [5, 0, 1.0], [9, 0, 0]], dtype=float)
+    kept = verification.distinct(poses, np.array([1.0, 3.0, 2.0, 2.5, 0.1]), np.zeros(2), 3)
+    assert kept.tolist() == [[0.1, 0, 0], [5, 0, 1.0], [5, 0, 0]]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.5, 3.0), st.floats(0.2, 6.0), st.floats(0.3, 0.99), st.floats(0.1, 0.99),
+       st.floats(0.0, 60.0), st.sampled_from(['margin', 'weak_margin', 'ratio', 'fine_ratio',
+                                              'weak_ratio', 'weak']))
+def test_more_evidence_never_lowers_the_probability(
+        margin: float, weak_margin: float, ratio: float, weak_ratio: float, weak: float,
+        grown: str) -> None:
+    """The probability rises, or stays, with every measure."""
+    item = replace(GOOD, ratio=ratio, weak_ratio=weak_ratio, weak=weak)
+    before = probability(item, margin, weak_margin)
+    margins = {'margin': margin, 'weak_margin': weak_margin}
+    if grown in margins:
+        margins[grown] *= 1.2
+    else:
+        value = getattr(item, grown)
+        item = replace(item, **{grown: value * 1.2 if grown == 'weak' else value + 0.01})
+    assert probability(item, *margins.values()) >= before
+    assert 0.0 <= before <= 1.0
+
+
+@pytest.mark.parametrize('mine, theirs, word', [
+    (GOOD, BAD, 'accepted'), (GOOD, GOOD, 'ambiguous'), (BAD, BAD, 'refused')])
+def test_verdicts_and_their_reasons(mine: Evidence, theirs: Evidence, word: str) -> None:
+    """Good without a rival is accepted, with an equal rival ambiguous, bad is refused."""
+    poses = np.array([[0, 0, 0], [3.0, 4.0, 0]], dtype=float)
+    found = judge(poses, [mine, theirs], 0, np.array([1]), 0.95)
+    assert found.reason.startswith(f'{word}: ') and found.accepted == (word == 'accepted')
+    assert f'{100 * mine.ratio:.0f} %' in found.reason and '5.0 m' in found.reason
+    assert found.probability + found.rival_probability <= 1.0 + 1e-9
+
+
+def test_what_lies_beside_the_best_is_no_rival() -> None:
+    """A duplicate within half a metre does not make the best ambiguous; the rest is ranked."""
+    poses = np.array([[0, 0, 0], [0.3, 0.1, 0.01], [0, 0, 1.0], [5, 0, 0]])
+    evidence = [GOOD, GOOD, BAD, replace(BAD, matched=40.0)]
+    assert rivals(poses, evidence, 0, np.zeros(2)).tolist() == [3, 2]
+    found = judge(poses, evidence[:2], 0, rivals(poses[:2], evidence[:2], 0, np.zeros(2)), 0.95)
+    assert found.accepted and found.rival is None and found.reason.endswith('no rival')
+
+
+def test_strongest_rivals_are_strong_in_either_way() -> None:
+    """Two by all wall, two by the weakest direction."""
+    evidence = [replace(BAD, matched=m, weak=w) for m, w in
+                ((50.0, 0.1), (40.0, 0.2), (30.0, 0.3), (20.0, 4.0), (10.0, 5.0))]
+    assert strongest(evidence, np.arange(5)).tolist() == [0, 1, 3, 4]
+
+
+def test_the_published_verdict_knows_only_V() -> None:
+    """V against its threshold."""
+    assert judge_by_V(replace(BAD, V=0.95), 0.9).accepted
+    assert not judge_by_V(replace(GOOD, V=0.85), 0.9).accepted
+
+
+def test_slides_run_along_the_weak_direction() -> None:
+    """Both ways, without a turn."""
+    beside = slides(np.array([1.0, 2.0, 0.3]), np.array([0.6, 0.8]))
+    assert beside[:, 2] == pytest.approx(0.3)
+    step = beside[:, :2] - (1.0, 2.0)
+    assert step @ (-0.8, 0.6) == pytest.approx(0.0) and (step @ (0.6, 0.8)).min() < -3
+
+
+@pytest.mark.parametrize('theta', [0.0, 0.8])
+def test_clearance_is_the_distance_to_the_wall(theta: float) -> None:
+    """In the middle of a square room it is half the width; outside it is negative."""
+    walls = np.array([(0, 0, 4, 0), (4, 0, 4, 4), (4, 4, 0, 4), (0, 4, 0, 0)], dtype=float)
+    T = Pose(5.0, -3.0, theta)
+    grid = fake_grid(walls, 0.05, T)
+    raster = field.clearance(grid, grid.points(grid.occupied), 0.1)
+    spots = [compose(T, (x, y, 0.0))[:2] for x, y in ((2, 2), (0.5, 2), (-0.6, 2), (99, 99))]
+    found = raster.at(np.array(spots, np.float32).T)
+    assert found[:2] == pytest.approx((2.0, 0.5), abs=0.12)
+    assert found[2] < 0 and found[3] < 0
+    free = field.free_places(raster, 100)
+    assert 50 <= len(free) <= 220 and (raster.at(free.T.astype(np.float32)) > 0).all()
+
+
+def test_nearest_names_the_nearest_point() -> None:
+    """Nearest of scattered points, up to the raster's cells."""
+    rng = np.random.default_rng(4)
+    points, asked = rng.uniform(0, 10, (60, 2)), rng.uniform(0, 10, (200, 2))
+    raster = field.nearest(points, 0.05, 1.0)
+    named = raster.at(asked.T.astype(np.float32))
+    distance = np.hypot(*(asked[:, None] - points[None]).transpose(2, 0, 1))
+    assert (distance[np.arange(200), named] < distance.min(1) + 0.11).all()
+    assert raster.at(np.array([[99.0], [99.0]], np.float32))[0] == -1
