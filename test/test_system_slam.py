@@ -7,12 +7,15 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 import signal
+import subprocess
+import sys
 from typing import Any
 
 from helpers import (fake_grid, fake_odometry, fake_room, fake_scan, fake_trajectory, need_ros,
-                     pose_error)
+                     pose_error, ros_environment, write_fake_bag)
 import numpy as np
 import pytest
+from somfusion_ros.config import SlamConfig
 from somfusion_ros.fusion.pair import missing_walls
 from somfusion_ros.geometry import Array, between, compose, Pose
 from somfusion_ros.grid import Grid
@@ -26,6 +29,10 @@ from nav_msgs.srv import GetMap  # noqa: E402
 from ros_graph import Graph, ros_graph  # noqa: E402
 from sensor_msgs.msg import JointState, LaserScan  # noqa: E402
 from somfusion_ros.ros import conversions as convert, qos  # noqa: E402
+from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
+from somfusion_ros.slam.scan import Scan  # noqa: E402
+from somfusion_ros.slam.slam import Slam  # noqa: E402
+from somfusion_ros.tools.bags import open_log  # noqa: E402
 from somfusion_ros.tools.maps import read_map  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
@@ -252,6 +259,46 @@ def test_a_signal_in_the_middle_of_work_ends_it_cleanly(number: int, graph: Grap
     ended = graph.until(lambda: name in graph.processes.statuses and graph.processes.statuses
                         or graph.processes.ended(), 'the end')
     graph.assert_clean(ended)
+
+
+def test_a_played_bag_arrives_whole_and_gives_what_replay_gives(graph: Graph,
+                                                                tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    write_fake_bag(bag)
+    poses = graph.hear(PoseWithCovarianceStamped, '/robot1/pose', qos.REPLAY)
+    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
+    graph.start('slam', 'slam_node', '/robot1', '-p', 'laser_pose:=[0.1,0.0,0.0]')
+    graph.processes.start('player', 'somfusion_ros.ros.player', [
+        str(bag), '--rate', '4', '--ros-args', '-r', '__ns:=/robot1'])
+    graph.until(lambda: 'player' in graph.processes.ended(), 'the end of the bag')
+
+    slam, buffer, waiting, expected = Slam(SlamConfig()), OdometryBuffer(), [], []
+    for record in open_log(bag):
+        if isinstance(record, Scan):
+            waiting.append(record)
+        else:
+            buffer.add(record.stamp, record.pose)
+        while waiting and buffer.at(waiting[0].stamp) is not None:
+            scan = waiting.pop(0)
+            expected.append(slam.process(scan, buffer.at(scan.stamp)))
+    graph.until(lambda: values_of(diagnostics).get('scans') == str(len(expected)), 'every scan')
+    last = convert.pose_from_message(poses[-1].pose.pose)
+    assert convert.seconds(poses[-1].header.stamp) == pytest.approx(expected[-1].stamp, abs=1e-5)
+    assert pose_error(last, expected[-1].pose)[0] < 0.05
+    graph.assert_clean(graph.processes.statuses | graph.processes.stop())
+
+
+@pytest.mark.parametrize('content', [None, b'', b'this is no bag' * 100])
+def test_a_bag_that_is_none_is_said_in_one_sentence(content: bytes | None,
+                                                    tmp_path: Path) -> None:
+    bag = tmp_path / 'no.mcap'
+    if content is not None:
+        bag.write_bytes(content)
+    ended = subprocess.run([sys.executable, '-m', 'somfusion_ros.ros.player', str(bag)],
+                           env=ros_environment(), capture_output=True, text=True, timeout=30)
+    assert ended.returncode != 0
+    assert 'no.mcap' in ended.stderr
+    assert 'Traceback' not in ended.stderr
 
 
 def test_two_robots_four_processes_one_global_map(graph: Graph) -> None:

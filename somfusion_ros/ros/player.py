@@ -71,8 +71,8 @@ class PlayerNode(Node):
     def __init__(self, options: argparse.Namespace, stop: threading.Event) -> None:
         super().__init__('player')
         self._options, self._stop = options, stop
-        self._reader = open_bag(options.bag)
         try:
+            self._reader = open_bag(options.bag)
             self._reader.open()
         except Exception as error:   # the library raises many kinds on a damaged file
             raise ValueError(f'{options.bag}: not a readable bag ({error})') from error

@@ -64,6 +64,7 @@ class Session:
         while True:
             with self._lock:
                 held = now < self._hold_until
+                self._buffer.lag = self.slam.odometry_lag
                 found = None if held else next(self._queue.ready(now), None)
                 if found is None:
                     return

@@ -89,7 +89,7 @@ class SlamNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)   # a paused simulation must not stop it
         self.create_timer(TICK, self._tick, clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
-        if self._config.transform_publish_period > 0:
+        if self._config.transform_publish_period > 0 and self._transforms.available:
             self.create_timer(self._config.transform_publish_period, self._send_transform,
                               clock=steady)
 

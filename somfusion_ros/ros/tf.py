@@ -24,6 +24,8 @@ class Mount(NamedTuple):
 class NoTransforms:
     """Stands in for TF: sends nothing, and every laser sits where the parameter says."""
 
+    available = False
+
     def __init__(self, fallback: Pose) -> None:
         self._mount = Mount(fallback)
 
@@ -37,6 +39,8 @@ class NoTransforms:
 
 class Transforms:
     """Broadcasts estimated transforms and looks up the mount of the laser."""
+
+    available = True
 
     def __init__(self, node: Any, tf2_ros: Any) -> None:
         self._time = import_module('rclpy.time').Time
