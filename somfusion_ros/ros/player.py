@@ -68,6 +68,8 @@ def read_records(reader: AnyReader, msgtypes: set[str]) -> Iterator[Record]:
 class PlayerNode(Node):
     """Publishes a bag from a thread of its own, then sets the stop event."""
 
+    status = 0
+
     def __init__(self, options: argparse.Namespace, stop: threading.Event) -> None:
         super().__init__('player')
         self._options, self._stop = options, stop
@@ -113,6 +115,7 @@ class PlayerNode(Node):
             self._finish(start)
         except Exception as error:   # the library raises many kinds on a damaged file
             self.get_logger().error(f'{self._options.bag}: {error}')
+            self.status = 1
         finally:
             self._stop.set()
 

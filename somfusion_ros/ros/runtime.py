@@ -27,7 +27,7 @@ SWITCH_INTERVAL = 0.001   # [s] a worker thread holds the interpreter while a sc
 
 
 class Stoppable(Protocol):
-    """What `run` needs of a node beyond rclpy's own."""
+    """What `run` needs of a node beyond rclpy's own; `status`, if set, is the exit status."""
 
     def close(self, timeout: float) -> bool:
         """Stop the workers; tell whether all of them ended in time."""
@@ -57,8 +57,8 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
     if not ended:   # a worker is deep in numpy; nothing of it is needed any more
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(0)
-    return 0
+        os._exit(getattr(node, 'status', 0))
+    return getattr(node, 'status', 0)
 
 
 def plain_args(args: list[str] | None) -> list[str]:
