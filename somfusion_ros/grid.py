@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from somfusion_ros.geometry import Array, Pose, apply, inverse
+from somfusion_ros.geometry import apply, Array, inverse, Pose
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 MAX_CELLS = 16384 * 16384

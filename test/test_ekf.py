@@ -4,9 +4,10 @@
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
-from somfusion_ros.geometry import between, compose
+from somfusion_ros.geometry import between, between_jacobians, compose
 from somfusion_ros.slam import smoothing
-from somfusion_ros.slam.ekf import DelayedStateEkf, Relation
+from somfusion_ros.slam.ekf import DelayedStateEkf
+from somfusion_ros.slam.relation import Relation
 
 Q = np.diag([0.02, 0.01, 0.01]) ** 2
 STEP = np.array([0.5, 0.0, 2 * np.pi / 40])
@@ -36,7 +37,6 @@ def test_an_update_is_the_kalman_update(seed, n):
     R = np.diag([0.01, 0.01, 0.005]) ** 2
     z = compose(between(ekf.poses[i], ekf.poses[j]), rng.normal(0, 0.01, 3))
     x, P = ekf.poses.copy(), dense(ekf)
-    from somfusion_ros.geometry import between_jacobians
     H = np.zeros((3, 3 * n))
     H[:, 3 * i:3 * i + 3], H[:, 3 * j:3 * j + 3] = between_jacobians(x[i], x[j])
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)

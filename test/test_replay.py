@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from somfusion_ros.geometry import between
+from somfusion_ros.slam.motion import OdometryBuffer
 from somfusion_ros.tools.bag_writer import BagWriter
 from somfusion_ros.tools.bags import open_log
 from somfusion_ros.tools.maps import read_map
@@ -126,7 +127,7 @@ def test_scans_after_the_last_odometry(tmp_path: Path, late: float, expected: in
             bag.odometry(stamp, (0.05 * number, 0.0, 0.0), (0.5, 0.0, 0.0))
             bag.scan(fake_scan(fake_room(), (2.0, 2.0, 0.0), stamp + late * (number == 4)))
     counters: dict[str, int] = {}
-    pairs = list(paired(open_log(tmp_path / 'bag'), counters))
+    pairs = list(paired(open_log(tmp_path / 'bag'), OdometryBuffer(), counters))
     assert len(pairs) == expected
     assert counters.get('scans_without_odometry', 0) == 5 - expected
     last = pairs[-1]

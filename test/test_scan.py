@@ -74,7 +74,7 @@ def test_deskewing_undoes_a_turn_during_the_scan():
     ranges = []
     for k, bearing in enumerate(bearings):
         t = k * dt
-        x, y = 0.3 * np.sin(t), 0.3 * (1 - np.cos(t))
+        x = 0.3 * np.sin(t)
         direction = bearing + t
         ranges.append((2.0 - x) / np.cos(direction) if abs(direction) < 1.0 else np.nan)
     skewed = replace(sharp, ranges=np.array(ranges), range_max=30.0, time_increment=dt)

@@ -8,25 +8,14 @@ motion away from the last (section II-A; Eustice et al. 2006). A new view costs 
 loop closure one symmetric rank-3 update of the lower triangle of P.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg.blas import dsyrk
 
 from somfusion_ros.geometry import (
     Array, between, between_jacobians, compose, compose_jacobians, wrap)
+from somfusion_ros.slam.relation import Relation
 
 GROWTH = 64  # views of room that P grows by, at least
-
-
-@dataclass(frozen=True, eq=False)
-class Relation:
-    """A measured pose z (3,) of view `second` seen from view `first`, with covariance R (3, 3)."""
-
-    first: int
-    second: int
-    z: Array
-    R: Array
 
 
 class DelayedStateEkf:
@@ -63,7 +52,7 @@ class DelayedStateEkf:
         return k
 
     def ahead(self, T_view_base: Array, Q: Array) -> tuple[Array, Array]:
-        """Pose (3,) in the map, and covariance (3, 3), of what is T_view_base from the last view."""
+        """Give the pose (3,) in the map, and covariance (3, 3), of a motion from the last view."""
         last = self.n - 1
         F, G = compose_jacobians(self._x[last], T_view_base)
         return (compose(self._x[last], T_view_base),
@@ -104,7 +93,7 @@ class DelayedStateEkf:
         """
         Fuse a loop closure into every view; return how far [m] the mean moved at most.
 
-        x += K y and P -= K S K', with K = P H' inv(S), written as one rank-3 dsyrk.
+        The state becomes x + K y, P - K S K', with K = P H' inv(S), by one rank-3 dsyrk.
         """
         i, j = relation.first, relation.second
         y, S = self.innovation(relation)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import cv2
-import numpy as np
 from kiss_icp.pybind import kiss_icp_pybind
+import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from somfusion_ros.geometry import Array, Pose, apply, compose, wrap
-from somfusion_ros.grid import MAX_CELLS, Grid
+from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
+from somfusion_ros.grid import Grid, MAX_CELLS
 from somfusion_ros.slam.scan import Cloud
 
 HIT, PASSED = 0.4, 0.2   # steps of evidence

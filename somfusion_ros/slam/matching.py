@@ -11,11 +11,11 @@ normals all point one way, says nothing along itself.
 
 from dataclasses import dataclass
 
-import numpy as np
 from kiss_icp.pybind import kiss_icp_pybind
+import numpy as np
 
 from somfusion_ros.geometry import Array, rotation, wrap
-from somfusion_ros.slam.local_map import LocalMap, lift
+from somfusion_ros.slam.local_map import lift, LocalMap
 from somfusion_ros.slam.scan import Cloud
 
 COARSE_GATE, COARSE_KERNEL = 0.5, 0.15  # [m] of kiss-icp's correspondences
@@ -23,6 +23,7 @@ GATES = (0.30, 0.20, 0.15, 0.10, 0.10)  # [m] of the refinement's correspondence
 SAME_SIDE = 0.5                         # cosine: normals that differ more are another surface
 RANGE_SIGMA = 0.02                      # [m] of one matched point
 OVERSAMPLING = 5.0                      # neighbouring points share their error
+NORMAL_SIGMA = 0.10                     # [rad] of an estimated normal
 FLOOR = np.diag([0.004, 0.004, 0.002]) ** 2  # of any match: map error, motion during the scan
 
 
@@ -83,7 +84,7 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = Non
             return Match(x, np.zeros((3, 3)), 0.0, np.inf)
         e = (n * (p - q)).sum(1)
         w = found / (1.0 + (e / (0.3 * gate)) ** 2) ** 2
-        J = np.column_stack([n, n[:, 1] * arm[:, 0] - n[:, 0] * arm[:, 1]])
+        J = _jacobian(n, arm)
         H = (J * w[:, None]).T @ J
         d = x - seed
         d[2] = wrap(d[2])
@@ -93,10 +94,28 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = Non
         x = x - step
         inliers, residual = found, float(np.sqrt((w * e * e).sum() / max(w.sum(), 1e-9)))
     x[2] = wrap(x[2])
+    H = _without_false_information(H, _jacobian(n[:, ::-1] * (-1.0, 1.0), arm), w)
     sigma2 = OVERSAMPLING * max(RANGE_SIGMA, residual) ** 2
     information = H / sigma2
     information = information @ np.linalg.inv(np.eye(3) + FLOOR @ information)
     return Match(x, 0.5 * (information + information.T), float(inliers.mean()), residual)
+
+
+def _jacobian(normals: Array, arm: Array) -> Array:
+    """Derivative (N, 3) of the distances along normals (N, 2) of points at arm (N, 2)."""
+    return np.column_stack([normals, normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]])
+
+
+def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
+    """
+    Take out of H (3, 3) what only the noise of the normals puts in.
+
+    A normal that is off by a small angle a claims sin(a)^2 of a point's information along the
+    surface. Along a corridor these claims add up to a match that is sure of what it cannot see.
+    """
+    false = NORMAL_SIGMA ** 2 * (J_tangent * w[:, None]).T @ J_tangent
+    values, vectors = np.linalg.eigh(H - false)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
 def register(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = None) -> Match:

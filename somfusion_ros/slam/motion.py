@@ -35,8 +35,7 @@ class MotionNoise:
     Standard deviations of an odometry increment.
 
     along and across the travel [m / m], heading per travel [rad / m], heading per turn
-    [rad / rad], and a floor for every increment [m], [rad]. For encoders, each wheel's own travel
-    has the standard deviation wheel * sqrt(travel) [m / sqrt(m)].
+    [rad / rad], and a floor for every increment [m], [rad].
     """
 
     along: float = 0.10
@@ -48,12 +47,17 @@ class MotionNoise:
 
 
 class OdometryBuffer:
-    """Odometry samples by stamp; repeated, backward and not finite ones are counted, not kept."""
+    """
+    Odometry samples by stamp; repeated, backward and not finite ones are counted, not kept.
+
+    lag [s] is added to a stamp that is looked up, where the clocks of laser and wheels differ.
+    """
 
     def __init__(self, count: Callable[[str], None] = lambda name: None) -> None:
         self._samples: deque[tuple[float, Array, Array | None]] = deque(maxlen=HISTORY)
         self._stamps: deque[float] = deque(maxlen=HISTORY)
         self._count = count
+        self.lag = 0.0
 
     @property
     def latest(self) -> float | None:
@@ -80,9 +84,10 @@ class OdometryBuffer:
         return True
 
     def at(self, stamp: float) -> Odometry | None:
-        """Odometry interpolated at a stamp [s]; None outside the samples."""
+        """Odometry interpolated at a stamp [s], less lag at the ends; None outside the samples."""
         if len(self._stamps) < 2 or not self._stamps[0] <= stamp <= self._stamps[-1]:
             return None
+        stamp = min(max(stamp + self.lag, self._stamps[0]), self._stamps[-1])
         after = _bisect_from_the_end(self._stamps, stamp)
         (t0, pose0, wheels0), (t1, pose1, wheels1) = self._samples[after - 1], self._samples[after]
         share = (stamp - t0) / (t1 - t0)
@@ -129,12 +134,6 @@ def arc(travel: float, turn: float) -> Array:
     half = 0.5 * turn
     chord = travel * np.sinc(half / np.pi)
     return np.array([chord * np.cos(half), chord * np.sin(half), turn])
-
-
-def increment(previous: Odometry, current: Odometry, noise: MotionNoise) -> tuple[Array, Array]:
-    """Motion (3,) between two odometry records and its covariance (3, 3), in the first base."""
-    step = between(previous.pose, current.pose)
-    return step, increment_covariance(step, noise)
 
 
 def increment_covariance(step: Array, noise: MotionNoise) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from somfusion_ros.geometry import Array, Pose, apply
+from somfusion_ros.geometry import apply, Array, Pose
 
 SPACING = 0.04      # [m] of surface that one point stands for, where the beams are denser
 SURFACE_GAP = 0.15  # [m] neighbouring returns farther apart than this, at 1 m, are two surfaces
@@ -131,7 +131,7 @@ def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
 
 
 def _normals(points: Array, joined: NDArray[np.bool_], origin: Array, reach: int = 4) -> Array:
-    """Unit normals (N, 2) by a line fit to up to `reach` neighbours on each side."""
+    """Fit a line to up to `reach` neighbours on each side; its unit normals (N, 2)."""
     n = len(points)
     if n < 3:
         return np.zeros((n, 2))

@@ -9,14 +9,15 @@ from threading import Lock
 import numpy as np
 
 from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import Array, Pose, between, compose, inverse
+from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.slam import loops, smoothing
-from somfusion_ros.slam.ekf import DelayedStateEkf, Relation
+from somfusion_ros.slam import closing, loops, smoothing
+from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.mapping import Mapper, MapScan
 from somfusion_ros.slam.motion import Odometry
-from somfusion_ros.slam.scan import Cloud, Scan, cloud
+from somfusion_ros.slam.relation import Relation
+from somfusion_ros.slam.scan import Cloud, cloud, Scan
 from somfusion_ros.slam.tracking import Track, Tracker
 
 LOST_TRAVEL = 4.0  # a lost robot keeps matching against its last views for so many views' travel
@@ -97,11 +98,11 @@ class Slam:
             new = self._to_close.popleft()
             targets = loops.candidates(new, self._ekf, np.array(self._centres), self.config)
             poses = self._ekf.poses.copy()
-        seen = loops.recent(new, poses, self._clouds) if targets else None
+        seen = closing.recent(new, poses, self._clouds) if targets else None
         for target in targets:
-            around = loops.local_map(target.old, new - self.config.loop_minimum_gap,
-                                     poses, self._clouds)
-            found = loops.match(target, new, seen, around, self.config)
+            around = closing.local_map(target.old, new - self.config.loop_minimum_gap,
+                                       poses, self._clouds)
+            found = closing.match(target, new, seen, around, self.config)
             if found is None:
                 self.counters['loops_rejected'] += 1
             else:
@@ -206,7 +207,7 @@ class Slam:
                                            or abs(d[2]) >= self.config.map_scan_distance))
 
     def _pose(self) -> tuple[Array, Array]:
-        """Current pose T_map_base (3,) and covariance (3, 3): last view, then the tracker."""
+        """Compose last view and tracker: pose T_map_base (3,) and its covariance (3, 3)."""
         if not self._ekf.n:
             return self._tracker.T_view_base, self._tracker.P
         return self._ekf.ahead(self._tracker.T_view_base, self._tracker.P)

@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from somfusion_ros.geometry import Array, wrap
-from somfusion_ros.slam.ekf import Relation
+from somfusion_ros.slam.relation import Relation
 
 ROBUST = 3.0          # loop residuals beyond this many sigmas count less and less (Cauchy)
 CONVERGED = 1e-4      # [m] [rad]
@@ -56,7 +56,8 @@ class Problem:
         columns = np.concatenate([self.i, self.j, self.i, self.j, [0]])
         r = (3 * rows[:, None, None] + np.arange(3)[None, :, None]).repeat(3, 2)
         c = (3 * columns[:, None, None] + np.arange(3)[None, None, :]).repeat(3, 1)
-        return csc_matrix((blocks.ravel(), (r.ravel(), c.ravel())), shape=(3 * n, 3 * n)), g.ravel()
+        shape = (3 * n, 3 * n)
+        return csc_matrix((blocks.ravel(), (r.ravel(), c.ravel())), shape=shape), g.ravel()
 
 
 def solve(poses: Array, relations: Sequence[Relation], iterations: int = 8) -> Array:

@@ -19,26 +19,29 @@ from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine, register
-from somfusion_ros.slam.motion import MotionNoise, Odometry, increment_covariance
+from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
 SEARCH = (1.2, 1.2)      # [m] [rad] widest window of the fallback
-STALL_SPEED = (1.2, 1.5) # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
+STALL_SPEED = (1.2, 1.5)  # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
 BETTER = 0.08            # share of points by which another match must win
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
 STALL = np.array([1.0, 0.35, 1.0])        # sigmas along [m], across [m], heading [rad]
 IMPLAUSIBLE = 0.4                         # share of the score that an implausible pose loses
 SAME = (0.15, 0.06)                       # [m] [rad] within which two matches are one
 LOST_SIGMA = (0.5, 0.3, 0.5)              # [m] [m] [rad] added once the robot is lost
+FEWEST = 8                                # points that can be matched
 LOOSE = 4.0              # times the odometry's sigmas, for the hold on a match
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
     """
-    The state after one scan: T_view_base (3,) from the last view, covariance P (3, 3) of it,
-    whether a match corrected it, and the match.
+    The state after one scan.
+
+    T_view_base (3,) from the last view, its covariance P (3, 3), whether a match corrected it,
+    the share of the scan that the match explained, and what was wrong, '' if nothing.
     """
 
     T_view_base: Array
@@ -95,7 +98,7 @@ class Tracker:
         before, previous, was_lost = self.T_view_base, self._odometry, self.lost
         reason = self._predict(odometry)
         matched, ratio = False, 0.0
-        if self._map is not None:
+        if self._map is not None and len(scan) >= FEWEST:
             match, matched = self._match(scan, before, bool(reason))
             ratio = match.inlier_ratio
             if matched:

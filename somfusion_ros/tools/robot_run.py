@@ -50,9 +50,11 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     slam = Slam(config)
     started, milliseconds, stamps, odometry = time.perf_counter(), [], [], []
     counters = {'scans_without_odometry': 0}
-    for scan, odometry_then in paired(log, counters):
+    buffer = OdometryBuffer(lambda name: _count(counters, name))
+    for scan, odometry_then in paired(log, buffer, counters):
         before = time.perf_counter()
         slam.process(scan, odometry_then)
+        buffer.lag = slam.odometry_lag
         milliseconds.append(1e3 * (time.perf_counter() - before))
         stamps.append(scan.stamp)
         odometry.append(odometry_then.pose)
@@ -72,9 +74,10 @@ def run_robot(log: Log, config: SlamConfig | None = None,
                     log.duration, seconds)
 
 
-def paired(log: Log, counters: dict[str, int]) -> Iterator[tuple[Scan, Odometry]]:
+def paired(log: Log, buffer: OdometryBuffer,
+           counters: dict[str, int]) -> Iterator[tuple[Scan, Odometry]]:
     """Yield every scan with the odometry at its stamp; count the scans that have none."""
-    buffer, waiting = OdometryBuffer(lambda name: _count(counters, name)), deque()
+    waiting: deque[Scan] = deque()
     for record in log:
         if isinstance(record, Scan):
             waiting.append(record)

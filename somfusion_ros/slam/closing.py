@@ -1,0 +1,92 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Closing a loop: match what the newest views saw together against an old place.
+
+The match must cover part of what was seen and contradict nothing that the old views saw to be
+free; from afar it must also win clearly over any other pose in the window.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from somfusion_ros.config import SlamConfig
+from somfusion_ros.geometry import apply, Array, between
+from somfusion_ros.slam.correlative import search
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.loops import Candidate, Loop
+from somfusion_ros.slam.matching import Match, refine, register
+from somfusion_ros.slam.relation import Relation
+from somfusion_ros.slam.scan import Cloud
+
+NEIGHBOURS = 4           # views on each side of an old view that make its local map
+RECENT_VIEWS = 4         # newest views that are matched together
+THINNING = 0.1           # [m] edge of a square that keeps one of their points
+NEAR = (0.06, 0.02)      # [m] [rad] sigma up to which a match needs no search
+WINDOW = (4.0, 0.6)      # [m] [rad] the widest search
+UNIQUE = 0.92            # share of the score that no rival may reach from afar
+ON_SURFACE, CONFLICT = 0.12, 0.2  # [m] from the old surface: on it; off it
+FEWEST = 20              # points that make a place
+
+
+def local_map(old: int, newest: int, poses: Array, clouds: Sequence[Cloud]) -> LocalMap:
+    """Local map around an old view, in its frame, of views up to `newest`."""
+    near = range(max(0, old - NEIGHBOURS), min(newest, old + NEIGHBOURS) + 1)
+    return LocalMap.of_views([clouds[k] for k in near], list(between(poses[old], poses[near])))
+
+
+def recent(new: int, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
+    """
+    Put together what the newest views saw, in the frame of view `new`.
+
+    One scan of a short-range laser shows too little to know a place by.
+    """
+    near = np.arange(max(0, new - RECENT_VIEWS + 1), new + 1)
+    seen = LocalMap.of_views([clouds[k] for k in near], list(between(poses[new], poses[near])))
+    _, first = np.unique(np.floor(seen.points / THINNING).astype(int), axis=0, return_index=True)
+    first.sort()
+    return Cloud(seen.points[first], seen.normals[first], seen.points[first], np.zeros(2),
+                 np.zeros((0, 2)))
+
+
+def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config: SlamConfig
+          ) -> Loop | None:
+    """Match a view against a candidate's local map; None where the match is poor."""
+    if len(cloud) < FEWEST or len(target) < FEWEST:
+        return None
+    near = (candidate.sigma[:2] < NEAR[0]).all() and candidate.sigma[2] < NEAR[1]
+    found = (register(cloud, target, candidate.expected) if near else
+             _match_far(candidate, cloud, target))
+    if found is None or found.inlier_ratio < config.loop_minimum_overlap:
+        return None
+    agreement = agreement_of(found, cloud, target)
+    if agreement < config.loop_minimum_agreement:
+        return None
+    return Loop(Relation(candidate.old, new, found.T_map_scan, found.covariance),
+                agreement, candidate.sure)
+
+
+def agreement_of(found: Match, cloud: Cloud, target: LocalMap) -> float:
+    """
+    Share of the judged points that lie on the old surface.
+
+    Judged are those that lie on it and those in space that the old views saw to be free; what
+    the old views never saw says nothing.
+    """
+    p = apply(found.T_map_scan, cloud.points)
+    distance, _ = target.tree.query(p, distance_upper_bound=CONFLICT)
+    far = ~np.isfinite(distance)
+    on = int((distance < ON_SURFACE).sum())
+    against = int((far & target.seen_through(p)).sum())
+    return on / max(on + against, 1)
+
+
+def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap) -> Match | None:
+    """Search the 3-sigma window first; None where another pose scores nearly as well."""
+    reach = float(np.clip(0.4 + 3.0 * candidate.sigma[:2].max(), 0.0, WINDOW[0]))
+    turn = float(np.clip(0.15 + 3.0 * candidate.sigma[2], 0.0, WINDOW[1]))
+    peak = search(cloud, target, candidate.expected, reach, turn)
+    if not candidate.sure and peak.rival > UNIQUE * peak.score:
+        return None
+    return refine(cloud, target, peak.pose)
