@@ -1,0 +1,103 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loop closure: where it looks, what it matches, and what it refuses to believe."""
+
+from helpers import fake_room, fake_scan, pose_error
+import numpy as np
+from somfusion_ros.config import SlamConfig
+from somfusion_ros.geometry import between, compose
+from somfusion_ros.slam import closing
+from somfusion_ros.slam.ekf import DelayedStateEkf
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.loops import agree, Candidate, candidates, LoopClosure, Loop
+from somfusion_ros.slam.relation import Relation
+from somfusion_ros.slam.scan import cloud
+
+CONFIG = SlamConfig(loop_minimum_gap=5)
+ROOM = fake_room()
+PLACES = np.array([(1.5, 1.5, 0.3), (2.5, 1.2, -0.4), (2.0, 2.5, 1.0)])
+R = np.diag([0.02, 0.02, 0.01]) ** 2
+
+
+def straight(n: int, sigma: float) -> DelayedStateEkf:
+    """Drive n views there and back again over the same floor."""
+    ekf = DelayedStateEkf()
+    ekf.augment(np.zeros(3), R)
+    for k in range(1, n):
+        turn = np.pi if k == n // 2 else 0.0
+        ekf.augment(np.array([0.5, 0.0, turn]), np.diag([sigma, sigma, 0.1 * sigma]) ** 2)
+    return ekf
+
+
+def test_candidates_are_old_views_near_by():
+    ekf = straight(40, 0.01)
+    found = candidates(39, ekf, np.zeros((40, 2)), CONFIG)
+    assert 1 <= len(found) <= 2
+    for candidate in found:
+        assert candidate.old <= 39 - CONFIG.loop_minimum_gap
+        assert np.hypot(*candidate.expected[:2]) < CONFIG.loop_search_distance + 1.0
+
+
+def test_a_new_map_has_no_candidates():
+    assert candidates(3, straight(4, 0.01), np.zeros((4, 2)), CONFIG) == []
+
+
+def clouds_of(places: np.ndarray) -> list:
+    rng = np.random.default_rng(0)
+    return [cloud(fake_scan(ROOM, p, noise=0.01, rng=rng), 30.0) for p in places]
+
+
+def test_a_place_is_recognised_from_afar():
+    target = LocalMap.of_views(clouds_of(PLACES), list(between(PLACES[0], PLACES)))
+    truth = np.array([2.0, 1.8, 0.2])
+    expected = between(PLACES[0], truth)
+    guess = Candidate(0, expected + (0.8, -0.6, 0.2), np.array([0.4, 0.4, 0.1]))
+    loop = closing.match(guess, 9, clouds_of(truth[None])[0], target, CONFIG)
+    distance, angle = pose_error(loop.relation.z, expected)
+    assert distance < 0.03 and angle < np.radians(1)
+    assert loop.agreement > 0.95 and not loop.sure
+
+
+def test_another_place_is_refused_for_what_it_contradicts():
+    """A small room laid into a larger one has its walls where the old views saw free space."""
+    target = LocalMap.of_views(clouds_of(PLACES), list(between(PLACES[0], PLACES)))
+    other = cloud(fake_scan(fake_room(3.2, 2.4), np.array([1.0, 1.0, 0.5])), 30.0)
+    for x in (0.0, 0.5):
+        guess = Candidate(0, np.array([x, 0.3, 0.2]), np.array([0.5, 0.5, 0.2]))
+        assert closing.match(guess, 9, other, target, CONFIG) is None
+
+
+def loop_between(ekf: DelayedStateEkf, i: int, j: int, error: np.ndarray, sure: bool) -> Loop:
+    return Loop(Relation(i, j, compose(ekf.relative(i, j)[0], error), R), 1.0, sure)
+
+
+def test_a_loop_that_fits_a_sure_filter_is_trusted_at_once():
+    ekf = straight(40, 0.01)
+    assert LoopClosure(CONFIG).trusted(
+        loop_between(ekf, 2, 37, np.array([0.02, 0.0, 0.0]), True), ekf)
+
+
+def test_a_loop_far_from_expectation_waits_for_partners():
+    ekf, error = straight(40, 0.05), np.array([1.5, 1.0, 0.2])
+    closure = LoopClosure(CONFIG)
+    first = Relation(2, 35, compose(error, ekf.relative(2, 35)[0]), R)
+    others = [Relation(2, k, compose(error, ekf.relative(2, k)[0]), R) for k in (36, 37)]
+    assert closure.trusted(Loop(first, 1.0, False), ekf) == []
+    assert closure.trusted(Loop(others[0], 1.0, False), ekf) == []
+    assert len(closure.trusted(Loop(others[1], 1.0, False), ekf)) == 3
+
+
+def test_loops_that_contradict_one_another_are_never_trusted():
+    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    rng = np.random.default_rng(2)
+    for k in range(25, 39):
+        error = rng.uniform(-2.0, 2.0, 3)
+        assert not closure.trusted(loop_between(ekf, 2, k, error, False), ekf)
+
+
+def test_agreement_does_not_depend_on_the_order():
+    ekf = straight(40, 0.05)
+    a = loop_between(ekf, 2, 30, np.array([0.5, 0.3, 0.1]), False).relation
+    b = Relation(4, 33, compose(compose(between(ekf.poses[4], ekf.poses[2]), a.z),
+                                between(ekf.poses[30], ekf.poses[33])), R)
+    assert agree(a, b, ekf)
