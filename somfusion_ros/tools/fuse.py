@@ -90,7 +90,7 @@ def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose],
     for a, b in combinations(sorted(world), 2):
         maps = learn(grids[a], config), learn(grids[b], config)
         if all(len(one.features) for one in maps):
-            evidence = measure(between(world[a], world[b]), *maps)
+            evidence, = measure(between(world[a], world[b])[None], *maps)
             shared = evidence.overlap * min(
                 grid.known.sum() * grid.resolution ** 2 for grid in (grids[a], grids[b]))
             total, area = total + shared * evidence.V, area + shared
