@@ -123,7 +123,7 @@ def look(case: Case) -> Sample | None:
         off = np.subtract(*(apply(T, case.spot[None])[0] for T in (pose, case.truth)))
         right = (np.hypot(*off) < case.tolerance[0]
                  and abs(wrap(pose[2] - case.truth[2])) < case.tolerance[1])
-    found = verdicts.measures(evidence, *verdict.margins)
+    found = verdicts.measures(evidence, verdict.margins)
     return Sample(case.kind, case.places, np.array([found[name] for name in NAMES]), bool(right),
                   verdict.probability)
 
@@ -169,10 +169,11 @@ def table(samples: list[Sample], chance: Array) -> None:
     kinds = defaultdict(list)
     for sample, p in zip(samples, chance, strict=True):
         kinds[sample.kind, sample.right].append(p)
+    enough = FusionConfig().estimation_confidence
     print('kind          best pose  cases  accepted  highest p')
     for (kind, right), values in sorted(kinds.items()):
         print(f'{kind:13} {"right" if right else "wrong":9} {len(values):6d} '
-              f'{np.mean(np.array(values) >= 0.95):9.3f} {max(values):10.3f}')
+              f'{np.mean(np.array(values) >= enough):9.3f} {max(values):10.3f}')
     y, error = np.array([sample.right for sample in samples]), 0.0
     print('probability   cases  mean p   right')
     for low in np.arange(0.0, 1.0, 0.1):

@@ -126,20 +126,10 @@ def verify(poses: Array, target: Map, source: Map, config: FusionConfig
     poses = np.concatenate([poses, beside])
     evidence += verification.measure(beside, target, source)
     others = verdicts.rivals(poses, evidence, best, source.pivot)
-    rigid = evidence[best].score
-    evidence[best] = _bent(poses[best], target, source)
-    if evidence[best].score > verdicts.BENT * rigid:
-        for k in verdicts.strongest(evidence, others):
-            evidence[k] = max(evidence[k], _bent(poses[k], target, source),
-                              key=lambda item: item.score)
-    verdict = verdicts.judge(poses, evidence, best, others, config.estimation_confidence)
-    return verdict, poses, evidence[best]
-
-
-def _bent(pose: Array, target: Map, source: Map) -> verification.Evidence:
-    """Evidence of one hypothesis (3,) when the maps may bend."""
-    warp = bending.bend(pose, target, source)
-    return verification.measure(pose[None], target, source, warp)[0]
+    warp = bending.bend(poses[best], target, source)
+    bent, = verification.measure(poses[best:best + 1], target, source, warp)
+    verdict = verdicts.judge(poses, evidence, best, bent, others, config.estimation_confidence)
+    return verdict, poses, bent
 
 
 def _align_as_published(target: Map, source: Map, config: FusionConfig,

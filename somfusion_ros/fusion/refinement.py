@@ -14,6 +14,7 @@ from somfusion_ros.fusion.features import Map, match
 from somfusion_ros.geometry import apply, Array, inverse
 
 REACHES = (0.4, 0.3, 0.2, 0.15, 0.15)     # furthest match in each step [m]
+ROUGH = 3         # first steps, for which a map's sketch is enough
 ANGLE = np.radians(15.0)
 SCALE = 0.05      # distance at which a match has lost half of its pull [m]
 SHARED = 4.0      # neighbouring clusters err alike: this many count as one measurement
@@ -26,8 +27,9 @@ def refine(pose: Array, target: Map, source: Map) -> tuple[Array, Array]:
     Directions that no wall fixes keep a large variance.
     """
     pose = np.array(pose, dtype=float)
-    for reach in REACHES:
-        J, off, weight = _residuals(pose, target, source, reach)
+    for step, reach in enumerate(REACHES):
+        few = step < ROUGH
+        J, off, weight = _residuals(pose, target, source, reach, few)
         pull = weight / (1.0 + (off / SCALE) ** 2)
         H = (J * pull[:, None]).T @ J + np.diag([0.05, 0.05, 0.2])
         pose = pose + np.linalg.solve(H, (J * pull[:, None]).T @ off)
@@ -39,25 +41,26 @@ def refine(pose: Array, target: Map, source: Map) -> tuple[Array, Array]:
     return pose, np.linalg.inv(H)
 
 
-def _residuals(pose: Array, target: Map, source: Map,
-               reach: float) -> tuple[Array, Array, Array]:
+def _residuals(pose: Array, target: Map, source: Map, reach: float,
+               few: bool = False) -> tuple[Array, Array, Array]:
     """Jacobian (M, 3) in (x, y, theta) of the pose, wanted moves (M,) and weights (M,)."""
     rows = []
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
     for seen, by, forth in ((source, target, True), (target, source, False)):
         way = pose if forth else inverse(pose)
-        found = match(way[None], seen.features, by.features, by.nearest, ANGLE, 0.5)
+        clusters = seen.sketch if few else seen.features
+        found = match(way[None], clusters, by.features, by.nearest, ANGLE, 0.5)
         other, agrees = found.other[0], found.agrees[0]
         near, line = by.features.centres[other], by.features.norms[other]
-        off = ((near - apply(way, seen.features.centres)) * line).sum(1)
+        off = ((near - apply(way, clusters.centres)) * line).sum(1)
         # The line of the other map, brought to the target's frame, and the point that turns.
         norm = line if forth else -line @ R.T
-        turning = seen.features.centres if forth else near
+        turning = clusters.centres if forth else near
         arm = turning @ R.T
         J = np.column_stack([norm, arm[:, 0] * norm[:, 1] - arm[:, 1] * norm[:, 0]])
         weight = agrees * (np.abs(off) < reach) * np.minimum(
-            seen.features.weights * seen.features.straight,
+            clusters.weights * clusters.straight,
             (by.features.weights * by.features.straight)[other])
         rows.append((J, off, weight))
     return tuple(np.concatenate(part) for part in zip(*rows))

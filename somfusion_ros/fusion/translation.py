@@ -14,8 +14,8 @@ import numpy as np
 from somfusion_ros.fusion.features import Clusters, match, Matches, Raster
 from somfusion_ros.geometry import Array
 
-ANGLES = np.radians([25.0, 18.0, 13.0, 9.0, 6.0, 4.0])   # thresholds of Algorithm 2
-REACHES = (1.2, 0.9, 0.7, 0.5, 0.4, 0.3)                 # furthest match at each [m]
+ANGLES = np.radians([25.0, 18.0, 12.0, 7.0, 4.0])        # thresholds of Algorithm 2
+REACHES = (1.2, 0.9, 0.6, 0.45, 0.3)                     # furthest match at each [m]
 
 
 def mean_shift(pose: Array, source: Clusters, target: Clusters, nearest: Raster,

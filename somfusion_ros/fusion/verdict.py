@@ -21,11 +21,21 @@ from somfusion_ros.geometry import Array, wrap
 
 SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]
 APART = (0.7, np.radians(8.0))     # a rival lies further than this from the best [m, rad]
-CLEAR = (1.6, 3.0)                 # margins of a hypothesis without a rival worth the name
-BENT = 1.03                        # gain by bending from which rivals may bend too
-AGREEMENT = {'ratio': 1.0, 'fine_ratio': 3.8, 'little_against': 6.7, 'constant': 18.6}
-DISTINCTION = {'margin': 9.5, 'weak_margin': 4.5, 'constant': -2.4}
-PLACES = {'weak': 4.4, 'weak_ratio': 4.7, 'constant': -9.9}
+AGREEMENT = {'ratio': 1.01, 'fine_ratio': 3.83, 'little_against': 6.69, 'constant': 18.63}
+DISTINCTION = {'margin': 9.48, 'weak_margin': 3.67, 'bent_margin': 1.0, 'constant': -2.37}
+PLACES = {'weak': 4.42, 'weak_ratio': 4.66, 'constant': -9.89}
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How many times better than the best rival: in all, in the weakest direction, once bent."""
+
+    margin: float
+    weak_margin: float
+    bent_margin: float
+
+
+CLEAR = Margins(1.6, 3.0, 3.0)      # of a hypothesis without a rival worth the name
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,7 @@ class Verdict:
     rival_probability: float
     accepted: bool
     reason: str
-    margins: tuple[float, float] = CLEAR
+    margins: Margins = CLEAR
 
 
 def slides(pose: Array, axis: Array) -> Array:
@@ -57,57 +67,54 @@ def rivals(poses: Array, evidence: list[Evidence], best: int, pivot: Array) -> I
     return found[np.argsort([-evidence[k].score for k in found], kind='stable')]
 
 
-def strongest(evidence: list[Evidence], others: Index) -> Index:
-    """Return the two best rivals in all, and the two best in the weakest direction."""
-    weak = others[np.argsort([-evidence[k].weak_score for k in others], kind='stable')]
-    return np.unique(np.concatenate([others[:2], weak[:2]]))
-
-
-def judge(poses: Array, evidence: list[Evidence], best: int, others: Index,
+def judge(poses: Array, evidence: list[Evidence], best: int, bent: Evidence, others: Index,
           confidence: float) -> Verdict:
     """
     Weigh the best of several hypotheses against the others.
 
     Parameters
     ----------
-    poses, evidence : hypotheses (B, 3) with the evidence of each
+    poses, evidence : hypotheses (B, 3) with the evidence of each, the maps taken as rigid
     best : which of them is judged
+    bent : its evidence when the maps may bend
     others : its rivals, strongest first
     confidence : probability from which it is accepted
     """
-    mine, rival, back, margins = evidence[best], None, 0.0, CLEAR
+    margins, rival, back = CLEAR, None, 0.0
     if len(others):
-        rival = int(max(others, key=lambda k: evidence[k].score))
-        weak = max(evidence[k].weak_score for k in others)
-        margins = (mine.score / max(evidence[rival].score, 1e-3),
-                   mine.weak_score / max(weak, 0.2))
-        back = probability(evidence[rival], 1.0 / max(margins[0], 1e-3),
-                           evidence[rival].weak_score / max(mine.weak_score, 0.2))
-    chance, alone = probability(mine, *margins), probability(mine, *CLEAR)
+        rival, mine = int(others[0]), evidence[best]
+        weak = max(0.2, max(evidence[k].weak_score for k in others))
+        margins = Margins(mine.score / max(evidence[rival].score, 1e-3), mine.weak_score / weak,
+                          bent.weak_score / weak)
+        against = evidence[rival].weak_score / max(bent.weak_score, 0.2)
+        back = probability(evidence[rival],
+                           Margins(1.0 / max(margins.margin, 1e-3), against, against))
+    chance, alone = probability(bent, margins), probability(bent, CLEAR)
     word = 'refused' if chance < confidence else 'accepted'
     if chance < confidence <= alone:
         word = 'ambiguous'
     return Verdict(best, rival, chance, min(back, 1.0 - chance), chance >= confidence,
-                   _reason(word, mine, poses, best, rival, margins), margins)
+                   _reason(word, bent, poses, best, rival, margins.margin), margins)
 
 
-def probability(item: Evidence, margin: float, weak_margin: float) -> float:
+def probability(item: Evidence, margins: Margins) -> float:
     """Chance that a hypothesis is right, from its evidence and its margins over rivals."""
-    found = measures(item, margin, weak_margin)
+    found = measures(item, margins)
     tests = [sum(weight * found[name] for name, weight in test.items())
              for test in (AGREEMENT, DISTINCTION, PLACES)]
     z = -np.logaddexp.reduce(np.negative(tests))     # a soft minimum
     return float(1.0 / (1.0 + np.exp(-np.clip(z, -30.0, 30.0))))
 
 
-def measures(item: Evidence, margin: float, weak_margin: float) -> dict[str, float]:
+def measures(item: Evidence, margins: Margins) -> dict[str, float]:
     """Put evidence and margins on the scales on which the tests add them up."""
     against = item.matched * (1.0 / max(item.ratio, 0.05) - 1.0)
     return {
         'ratio': _logit(item.ratio), 'fine_ratio': _logit(item.fine_ratio),
         'little_against': -np.log(against + 5.0),
-        'margin': np.log(np.clip(margin, 0.8, 2.0)),
-        'weak_margin': np.log(np.clip(weak_margin, 0.3, 4.0)),
+        'margin': np.log(np.clip(margins.margin, 0.8, 2.0)),
+        'weak_margin': np.log(np.clip(margins.weak_margin, 0.3, 4.0)),
+        'bent_margin': np.log(np.clip(margins.bent_margin, 0.3, 4.0)),
         'weak': np.log(item.weak + 0.3), 'weak_ratio': _logit(item.weak_ratio), 'constant': 1.0}
 
 
@@ -125,7 +132,7 @@ def _logit(share: float) -> float:
 
 
 def _reason(word: str, item: Evidence, poses: Array, best: int, rival: int | None,
-            margins: tuple[float, float]) -> str:
+            margin: float) -> str:
     """Say in one sentence, with numbers, what decided."""
     text = (f'{word}: walls agree {100 * item.ratio:.0f} % over {item.matched:.0f} m, '
             f'{100 * item.weak_ratio:.0f} % over {item.weak:.1f} m in the weakest direction, '
@@ -135,4 +142,4 @@ def _reason(word: str, item: Evidence, poses: Array, best: int, rival: int | Non
     step = poses[rival] - poses[best]
     return text + (f'; best rival {np.hypot(step[0], step[1]):.1f} m and '
                    f'{abs(np.degrees(wrap(step[2]))):.0f} deg away at '
-                   f'{1.0 / max(margins[0], 0.01):.2f}')
+                   f'{1.0 / max(margin, 0.01):.2f}')

@@ -20,7 +20,7 @@ from somfusion_ros.geometry import Array, inverse, rotation, wrap
 
 TOLERANCE = 0.2        # a wall within this distance of another is the same [m]
 ANGLE = np.radians(25.0)
-PLACE = 0.8            # wall at one place from which more counts less [m]
+PLACE = 0.8            # evidence that one place can give at most [m]
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,7 @@ class _Way:
         Evidence (2, B) along axes (B, 2) of this map's frame: matched, and against [m].
 
         Walls across an axis fix the place along it. What lies within one metre along the axis is
-        one place, and more wall there adds less and less: two end walls may meet by chance, many
-        doors do not.
+        one place and counts up to `PLACE`: two end walls may meet by chance, many doors do not.
         """
         clusters = self.seen.features
         weight = self.weight * (axis @ clusters.norms.T) ** 2
@@ -165,7 +164,7 @@ class _Way:
         flat = (bins + count * np.arange(len(axis))[:, None]).ravel()
         sums = [np.bincount(flat, (weight * which).ravel(), len(axis) * count)
                 for which in (self.on, self.off)]
-        return PLACE * np.log1p(np.reshape(sums, (2, len(axis), count)) / PLACE).sum(2)
+        return np.minimum(np.reshape(sums, (2, len(axis), count)), PLACE).sum(2)
 
     def free_agreement(self) -> tuple[Array, Array]:
         """Share (B,) of free places that the other map knows; agreeing and not, (2, B)."""
