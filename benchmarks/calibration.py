@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
@@ -116,7 +115,7 @@ def look(case: Case) -> Sample | None:
     swapped = len(maps[0].cells) < len(maps[1].cells)
     target, source = maps[::-1] if swapped else maps
     poses, _ = search(target, source, config, Clock())
-    verdict, poses, evidence = verify(poses, target, source, config)
+    verdict, poses, evidence, _ = verify(poses, target, source, config)
     pose = inverse(poses[verdict.best]) if swapped else poses[verdict.best]
     right = False
     if case.truth is not None:

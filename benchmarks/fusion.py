@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """

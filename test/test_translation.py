@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.fusion import bending, refinement, seeds, translation
-from somfusion_ros.fusion.features import Map, match, place
+from somfusion_ros.fusion.features import Map, match, place, Warp
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import apply, compose, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
@@ -154,3 +154,14 @@ def redrawn(T: np.ndarray, resolution: float) -> Grid:
     row, column = grid.point_to_cell(np.concatenate(steps)).T
     evidence[row, column] = -1.0
     return Grid(evidence.astype(np.float32), resolution, grid.T_frame_grid)
+
+
+def test_the_covariance_says_that_maps_are_bent() -> None:
+    """A warp of a decimetre widens the covariance by about that; no warp leaves it."""
+    room = learned()
+    sharp = np.diag([1e-6, 1e-6, 1e-8])
+    still, moved = (Warp(np.full((2, 2, 2), d, np.float32), np.zeros(2), 10.0) for d in (0, 0.1))
+    moved.displacements[0] *= -1.0
+    assert refinement.widen(sharp, np.zeros(3), room, still) == pytest.approx(sharp)
+    wide = refinement.widen(sharp, np.zeros(3), room, moved)
+    assert 0.02 < np.sqrt(np.linalg.eigvalsh(wide)[-1]) < 0.3

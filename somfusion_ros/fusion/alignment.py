@@ -10,7 +10,7 @@ import numpy as np
 from somfusion_ros.config import FusionConfig
 from somfusion_ros.fusion import bending, orientation, refinement, seeds, translation, verification
 from somfusion_ros.fusion import verdict as verdicts
-from somfusion_ros.fusion.features import Map
+from somfusion_ros.fusion.features import Map, Warp
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.map_trace import map_trace, MapTrace
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
@@ -90,9 +90,10 @@ def align(target: Grid, source: Grid, config: FusionConfig | None = None,
 def _align(target: Map, source: Map, config: FusionConfig, clock: 'Clock') -> Alignment:
     """Every stage in order, with many hypotheses at once."""
     poses, J = search(target, source, config, clock)
-    verdict, poses, evidence = verify(poses, target, source, config)
+    verdict, poses, evidence, warp = verify(poses, target, source, config)
     clock.lap('verification')
     pose, covariance = refinement.refine(poses[verdict.best], target, source)
+    covariance = refinement.widen(covariance, pose, source, warp)
     clock.lap('refinement')
     return _report(pose, covariance, verdict, evidence, J[:, verdict.best], poses, clock)
 
@@ -117,8 +118,8 @@ def search(target: Map, source: Map, config: FusionConfig,
 
 
 def verify(poses: Array, target: Map, source: Map, config: FusionConfig
-           ) -> tuple[verdicts.Verdict, Array, verification.Evidence]:
-    """Judge the best of hypotheses (B, 3); return all that were looked at, and its evidence."""
+           ) -> tuple[verdicts.Verdict, Array, verification.Evidence, Warp]:
+    """Judge the best of hypotheses (B, 3); return all looked at, its evidence and its warp."""
     evidence = verification.measure(poses, target, source)
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
     beside = verdicts.slides(poses[best], evidence[best].axis)
@@ -129,7 +130,7 @@ def verify(poses: Array, target: Map, source: Map, config: FusionConfig
     warp = bending.bend(poses[best], target, source)
     bent, = verification.measure(poses[best:best + 1], target, source, warp)
     verdict = verdicts.judge(poses, evidence, best, bent, others, config.estimation_confidence)
-    return verdict, poses, bent
+    return verdict, poses, bent, warp
 
 
 def _align_as_published(target: Map, source: Map, config: FusionConfig,

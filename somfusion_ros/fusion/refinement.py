@@ -10,7 +10,7 @@ map is preferred; a robust weight keeps what has moved or bent from pulling.
 
 import numpy as np
 
-from somfusion_ros.fusion.features import Map, match
+from somfusion_ros.fusion.features import Map, match, place, Warp
 from somfusion_ros.geometry import apply, Array, inverse
 
 REACHES = (0.4, 0.3, 0.2, 0.15, 0.15)     # furthest match in each step [m]
@@ -39,6 +39,25 @@ def refine(pose: Array, target: Map, source: Map) -> tuple[Array, Array]:
                 target.resolution ** 2 / 12.0)
     H = (J * pull[:, None]).T @ J / (noise * SHARED) + np.diag([1.0, 1.0, 10.0]) * 0.1
     return pose, np.linalg.inv(H)
+
+
+def widen(covariance: Array, pose: Array, source: Map, warp: Warp) -> Array:
+    """
+    Add to a covariance (3, 3) what one rigid pose leaves wrong where the maps are bent.
+
+    The displacements of the warp spread over the overlap: as an error of the place in its middle,
+    and of the turn about it.
+    """
+    at = place(pose[None], source.sketch.centres)
+    moves = warp.at(at)[:, 0].T.astype(float)
+    middle = at[:, 0].mean(1)
+    reach = max(float(((at[:, 0].T - middle) ** 2).sum(1).mean()), 1.0)
+    spread = np.zeros((3, 3))
+    spread[:2, :2] = moves.T @ moves / len(moves)
+    spread[2, 2] = float((moves ** 2).sum(1).mean()) / reach
+    arm = pose[:2] - middle
+    J = np.array([[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]], [0.0, 0.0, 1.0]])
+    return covariance + J @ spread @ J.T
 
 
 def _residuals(pose: Array, target: Map, source: Map, reach: float,
