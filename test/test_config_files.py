@@ -85,3 +85,16 @@ def test_a_number_out_of_range_is_refused_by_name() -> None:
 def test_dds_profile_is_well_formed() -> None:
     root = ElementTree.parse(ROOT / 'config' / 'fastdds_wifi.xml').getroot()
     assert '1400' in ''.join(root.itertext())
+
+
+def test_readme_repeats_the_defaults() -> None:
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    defaults = {**declared('slam.yaml'), **declared('fusion.yaml')}
+    checked = 0
+    for names, told in re.findall(r'^\| (`\w+`(?:, `\w+`)*) \| ([^|]+) \|', text, re.MULTILINE):
+        numbers = [float(number) for number in re.findall(r'\d+(?:\.\d+)?', told)]
+        names = [name for name in re.findall(r'\w+', names) if name in defaults]
+        if names and len(names) == len(numbers):
+            assert [defaults[name] for name in names] == numbers, names
+            checked += len(names)
+    assert checked >= 5
