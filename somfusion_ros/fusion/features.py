@@ -103,18 +103,19 @@ class Warp:
         flat = points.reshape(2, -1)
         index, share = lattice_shares(flat, self.corner, self.spacing,
                                       self.displacements.shape[:2])
-        moves = np.einsum('kni,kn->in', self.displacements.reshape(-1, 2)[index], share)
-        return moves.reshape(points.shape)
+        moves = [(np.take(axis, index) * share).sum(0)
+                 for axis in np.moveaxis(self.displacements, -1, 0).reshape(2, -1)]
+        return np.stack(moves).reshape(points.shape)
 
 
 def lattice_shares(points: Array, corner: Array, spacing: float,
                    shape: tuple[int, int]) -> tuple[Index, NDArray[np.float32]]:
     """Nodes (4, N) around points (2, N), clipped to the lattice, and their shares (4, N)."""
     rows, columns = shape
-    x = np.clip((points[0] - corner[0]) / spacing, 0, columns - 1.001)
-    y = np.clip((points[1] - corner[1]) / spacing, 0, rows - 1.001)
+    x, y = ((points - np.asarray(corner, points.dtype)[:, None]) / spacing).astype(np.float32)
+    x, y = np.clip(x, 0.0, columns - 1.001), np.clip(y, 0.0, rows - 1.001)
     column, row = x.astype(np.intp), y.astype(np.intp)
-    x, y = x - column, y - row
+    x, y = x - column.astype(np.float32), y - row.astype(np.float32)
     first = row * columns + column
     index = np.stack([first, first + 1, first + columns, first + columns + 1])
     return index, np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
