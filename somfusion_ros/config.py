@@ -97,6 +97,8 @@ class FusionConfig:
 
     def __post_init__(self) -> None:
         validate(self)
+        if self.method not in ('som', 'paper'):
+            raise ValueError(f"method = '{self.method}' is neither 'som' nor 'paper'")
 
 
 @dataclass(frozen=True)

@@ -173,6 +173,12 @@ def test_the_published_method_stays_selectable() -> None:
     assert error_at(found, (0.1, 0.0, 0.05), (4, 3))[0] < 0.3
 
 
+def test_an_unknown_method_is_wrong_use() -> None:
+    """A method that does not exist is refused by name."""
+    with pytest.raises(ValueError, match="'sum' is neither"):
+        FusionConfig(method='sum')
+
+
 def test_nothing_is_learned_twice() -> None:
     """The same Grid object keeps its clusters; another config learns anew."""
     grid = fake_grid(fake_room())
