@@ -40,25 +40,31 @@ def wrap(angle: ArrayLike) -> Array:
 def rotation(theta: ArrayLike) -> Array:
     """Rotation matrices (..., 2, 2) of angles (...) [rad]."""
     c, s = np.cos(theta), np.sin(theta)
-    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    R = np.empty((*np.shape(c), 2, 2))
+    R[..., 0, 0], R[..., 0, 1], R[..., 1, 0], R[..., 1, 1] = c, -s, s, c
+    return R
 
 
 def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> Array:
     """T_a_c = T_a_b * T_b_c, shape (..., 3)."""
     a, b = np.asarray(T_a_b, dtype=float), np.asarray(T_b_c, dtype=float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack([a[..., 0] + c * b[..., 0] - s * b[..., 1],
-                     a[..., 1] + s * b[..., 0] + c * b[..., 1],
-                     wrap(a[..., 2] + b[..., 2])], -1)
+    return _pose(a[..., 0] + c * b[..., 0] - s * b[..., 1],
+                 a[..., 1] + s * b[..., 0] + c * b[..., 1], a[..., 2] + b[..., 2])
+
+
+def _pose(x: Array, y: Array, theta: Array) -> Array:
+    """Poses (..., 3) of their parts; numpy's own stack is slow for a single pose."""
+    pose = np.empty((*np.shape(x), 3))
+    pose[..., 0], pose[..., 1], pose[..., 2] = x, y, wrap(theta)
+    return pose
 
 
 def inverse(T_a_b: ArrayLike) -> Array:
     """T_b_a, shape (..., 3)."""
     a = np.asarray(T_a_b, dtype=float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack([-c * a[..., 0] - s * a[..., 1],
-                     s * a[..., 0] - c * a[..., 1],
-                     wrap(-a[..., 2])], -1)
+    return _pose(-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], -a[..., 2])
 
 
 def between(T_w_a: ArrayLike, T_w_b: ArrayLike) -> Array:

@@ -4,12 +4,13 @@
 
 from helpers import fake_room, fake_scan, pose_error
 import numpy as np
+
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import between, compose
 from somfusion_ros.slam import closing
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.loops import agree, Candidate, candidates, LoopClosure, Loop
+from somfusion_ros.slam.loops import agree, Candidate, candidates, Loop, LoopClosure
 from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import cloud
 

@@ -19,7 +19,7 @@ LOOP = np.array([(1, 1), (5.5, 1), (9, 1.2), (9, 3), (6.5, 3.2), (3, 3.3), (1.2,
 
 
 def drive(noise=(0.03, 0.03), lag=0.0, seed=0, waypoints=LOOP, **scan):
-    """Scans, the buffer of odometry, and true poses in the frame of the first."""
+    """Make scans, the buffer of odometry, and true poses in the frame of the first."""
     rng = np.random.default_rng(seed)
     stamps, poses = fake_trajectory(waypoints, rate=5.0)
     odometry = fake_odometry(poses, noise, rng)

@@ -52,9 +52,8 @@ def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: flo
     half = int(np.ceil(reach / (FIELD_STEP * BLOCK))) * BLOCK
     fine = _padded(field, half + BLOCK)
     bound = cv2.dilate(fine, np.ones((BLOCK, BLOCK), np.uint8), anchor=(0, 0))
-    cells = [_cells(points, centre, turn, corner, half + BLOCK, half, fine.shape)
-             for turn in turns]
-    scores = np.stack([_block_scores(bound, c, half) for c in cells])
+    cells = _cells(points, centre[2] + turns, centre[:2] - corner, half + BLOCK, half, fine.shape)
+    scores = _block_scores(bound, cells, half)
     factors = np.ones_like(scores) if prior is None else _factors(prior, centre, turns, half)
     scores = scores * factors
     order = np.argsort(scores, axis=None)[::-1]
@@ -64,7 +63,7 @@ def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: flo
         if scores.flat[nodes[0]] <= best:
             break
         a, row, column = np.unravel_index(nodes, scores.shape)
-        values = _open(fine, np.stack([cells[k] for k in a]), row * BLOCK, column * BLOCK)
+        values = _open(fine, cells[a], row * BLOCK, column * BLOCK)
         values = values * factors.flat[nodes][:, None, None]
         opened.append((values.max(axis=(1, 2)), a, row, column))
         k = int(values.argmax())
@@ -92,20 +91,19 @@ def _padded(field: NDArray[np.float32], margin: int) -> NDArray[np.float32]:
                               cv2.BORDER_CONSTANT, value=0.0)
 
 
-def _cells(points: Array, centre: Array, turn: float, corner: Array, margin: int, half: int,
+def _cells(points: Array, turns: Array, offset: Array, margin: int, half: int,
            shape: tuple[int, int]) -> NDArray[np.intp]:
-    """Cells (N, 2) row, column in the padded field, shifted to the window's first corner."""
-    p = points @ rotation(centre[2] + turn).T + centre[:2] - corner
-    cells = np.floor(p[:, ::-1] / FIELD_STEP).astype(np.intp) + margin - half
-    span = 2 * half + BLOCK
-    return np.clip(cells, 0, np.array(shape) - span - 1)
+    """Cells (A, N, 2) row, column in the padded field, shifted to the window's first corner."""
+    p = points @ rotation(turns).transpose(0, 2, 1) + offset
+    cells = np.floor(p[..., ::-1] / FIELD_STEP).astype(np.intp) + (margin - half)
+    return np.clip(cells, 0, np.array(shape) - (2 * half + BLOCK) - 1)
 
 
 def _block_scores(bound: NDArray[np.float32], cells: NDArray[np.intp], half: int) -> Array:
-    """Upper bound of the score (B, B) of every coarse translation."""
+    """Upper bound of the score (A, B, B) of every turn and coarse translation."""
     side = 2 * half + 1
     windows = sliding_window_view(bound, (side, side))[:, :, ::BLOCK, ::BLOCK]
-    return windows[cells[:, 0], cells[:, 1]].mean(0)
+    return np.stack([windows[turn[:, 0], turn[:, 1]].mean(0) for turn in cells])
 
 
 def _open(fine: NDArray[np.float32], cells: NDArray[np.intp], row: NDArray[np.intp],

@@ -83,7 +83,7 @@ class DelayedStateEkf:
                 A @ self.block(i, i) @ A.T + B @ self.block(j, j) @ B.T + C + C.T)
 
     def innovation(self, relation: Relation) -> tuple[Array, Array]:
-        """z - h(x) (3,) and its covariance S (3, 3)."""
+        """Give z - h(x) (3,) and its covariance S (3, 3)."""
         h, P_h = self.relative(relation.first, relation.second)
         y = relation.z - h
         y[2] = wrap(y[2])

@@ -10,6 +10,7 @@ normals all point one way, says nothing along itself.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
@@ -19,7 +20,7 @@ from somfusion_ros.slam.local_map import lift, LocalMap
 from somfusion_ros.slam.scan import Cloud
 
 COARSE_GATE, COARSE_KERNEL = 0.5, 0.15  # [m] of kiss-icp's correspondences
-GATES = (0.30, 0.20, 0.15, 0.10, 0.10)  # [m] of the refinement's correspondences, narrowing
+GATES = (0.25, 0.12, 0.10)  # [m] of the refinement's correspondences, narrowing
 SAME_SIDE = 0.5                         # cosine: normals that differ more are another surface
 RANGE_SIGMA = 0.02                      # [m] of one matched point
 OVERSAMPLING = 5.0                      # neighbouring points share their error
@@ -59,15 +60,22 @@ def coarse(scan: Cloud, target: LocalMap, seed: Array) -> Array:
     return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
 
 
-def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = None) -> Match:
+class Prior(NamedTuple):
+    """What is known before a match: a pose (3,) and its information (3, 3)."""
+
+    pose: Array
+    information: Array
+
+
+def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Prior | None = None) -> Match:
     """
     Point-to-line Gauss-Newton from a seed (3,).
 
-    prior is the information (3, 3) that holds the seed where the surface fixes nothing; it is
-    not part of the information returned.
+    The prior holds the pose where the surface fixes nothing; it is not part of the information
+    returned.
     """
     x = np.array(seed, dtype=float)
-    hold = np.zeros((3, 3)) if prior is None else prior
+    prior = prior or Prior(x, np.zeros((3, 3)))
     H, inliers, residual = np.zeros((3, 3)), np.zeros(0), np.inf
     for gate in GATES:
         R = rotation(x[2])
@@ -86,11 +94,11 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = Non
         w = found / (1.0 + (e / (0.3 * gate)) ** 2) ** 2
         J = _jacobian(n, arm)
         H = (J * w[:, None]).T @ J
-        d = x - seed
+        d = x - prior.pose
         d[2] = wrap(d[2])
         scale = OVERSAMPLING * RANGE_SIGMA ** 2
-        step = np.linalg.solve(H / scale + hold + 1e-6 * np.eye(3),
-                               (J * w[:, None]).T @ e / scale + hold @ d)
+        step = np.linalg.solve(H / scale + prior.information + 1e-6 * np.eye(3),
+                               (J * w[:, None]).T @ e / scale + prior.information @ d)
         x = x - step
         inliers, residual = found, float(np.sqrt((w * e * e).sum() / max(w.sum(), 1e-9)))
     x[2] = wrap(x[2])
@@ -102,7 +110,7 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = Non
 
 
 def _jacobian(normals: Array, arm: Array) -> Array:
-    """Derivative (N, 3) of the distances along normals (N, 2) of points at arm (N, 2)."""
+    """Differentiate (N, 3) the distances along normals (N, 2) of points at arm (N, 2)."""
     return np.column_stack([normals, normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]])
 
 
@@ -118,8 +126,8 @@ def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
-def register(scan: Cloud, target: LocalMap, seed: Array, prior: Array | None = None) -> Match:
-    """kiss-icp from the seed (3,), then the refinement."""
+def register(scan: Cloud, target: LocalMap, seed: Array, prior: Prior | None = None) -> Match:
+    """Register with kiss-icp from the seed (3,), then refine."""
     if len(scan) < 8 or len(target) < 8:
         return Match(np.array(seed, dtype=float), np.zeros((3, 3)), 0.0, np.inf)
     return refine(scan, target, coarse(scan, target, seed), prior)

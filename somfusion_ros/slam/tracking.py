@@ -18,16 +18,21 @@ from somfusion_ros.geometry import Array, between, compose, compose_jacobians, w
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.matching import Match, refine, register
+from somfusion_ros.slam.matching import Match, Prior, refine, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
 SEARCH = (1.2, 1.2)      # [m] [rad] widest window of the fallback
+STALL = np.array([0.2, 0.5])              # [m] [rad] by which odometry may be wrong at once
 STALL_SPEED = (1.2, 1.5)  # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
-BETTER = 0.08            # share of points by which another match must win
+SIMILAR = 0.05           # share of points by which a match must win over the odometry's
+DISTINCT = 0.08          # and over any other, to be clear
+SUDDEN = 0.6             # share of the usual inlier ratio below which something happened,
+BROKE = (0.3, 0.3)       # [m] [rad] if the odometry also broke off the motion by more than this
+MEMORY = 0.2             # weight of the newest scan in the usual inlier ratio
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
-STALL = np.array([1.0, 0.35, 1.0])        # sigmas along [m], across [m], heading [rad]
+STALL_SIGMA = np.array([1.0, 0.35, 1.0])  # sigmas along [m], across [m], heading [rad]
 IMPLAUSIBLE = 0.4                         # share of the score that an implausible pose loses
 SAME = (0.15, 0.06)                       # [m] [rad] within which two matches are one
 LOST_SIGMA = (0.5, 0.3, 0.5)              # [m] [m] [rad] added once the robot is lost
@@ -61,17 +66,17 @@ def plausibility(poses: Array, expected: tuple[Array, ...], window: Array) -> Ar
     """
     likelihood = np.zeros(len(poses))
     for pose in expected:
-        d = between(pose, poses) / STALL
+        d = between(pose, poses) / STALL_SIGMA
         likelihood = np.maximum(likelihood, np.exp(-0.5 * (d ** 2).sum(1)))
     d = between(expected[0], poses)
     possible = (np.hypot(d[:, 0], d[:, 1]) <= 1.5 * window[0]) & (abs(d[:, 2]) <= 1.2 * window[1])
     return possible * (1.0 - IMPLAUSIBLE * (1.0 - likelihood))
 
 
-def _near(a: Match, b: Match) -> bool:
-    """Tell whether two matches found the same pose."""
-    d = between(a.T_map_scan, b.T_map_scan)
-    return bool(np.hypot(d[0], d[1]) < SAME[0] and abs(d[2]) < SAME[1])
+def _near(a: Array, b: Array, limit: tuple[float, float]) -> bool:
+    """Tell whether two poses (3,) lie within a limit [m, rad] of one another."""
+    d = between(a, b)
+    return bool(np.hypot(d[0], d[1]) < limit[0] and abs(d[2]) < limit[1])
 
 
 class Tracker:
@@ -85,6 +90,7 @@ class Tracker:
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
         self._velocity, self._dt = np.zeros(3), 0.0
         self._unseen = 0.0           # [s] since the last match
+        self._usual = 0.0            # inlier ratio of late
         self.lost = False
         self.calibration = Calibration()
 
@@ -110,6 +116,7 @@ class Tracker:
                 reason = reason or ('lost' if self.lost else 'match_rejected')
         if matched:
             self._unseen = 0.0
+            self._usual += MEMORY * (ratio - self._usual)
         if self._dt > 0.0 and not self.lost:
             self._velocity = between(before, self.T_view_base) / self._dt
         return Track(self.T_view_base, self.P, matched, ratio, reason)
@@ -141,30 +148,35 @@ class Tracker:
         and nothing else as much; otherwise the robot is lost until one does.
         """
         seed = self.T_view_base
-        hold = np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3)))
+        hold = Prior(seed, np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3))))
         match = register(scan, self._map, seed, hold)
         doubtful = jumped or self.lost
         if (not doubtful and match.inlier_ratio >= self._config.doubtful_inlier_ratio
                 and self._disagreement(match) < DOUBT):
             return match, True
         coasted = compose(before, self._velocity * self._dt)
-        window = np.minimum(SEARCH, 0.15 + self._unseen * np.array(STALL_SPEED))
+        window = np.minimum(SEARCH, STALL + self._unseen * np.array(STALL_SPEED))
         plausible = partial(plausibility, expected=(seed, coasted), window=window)
         peak = search(scan, self._map, seed, *window, prior=plausible)
         matches = [match, refine(scan, self._map, seed, hold),
                    register(scan, self._map, coasted),
                    refine(scan, self._map, peak.pose)]
-        best = max(matches, key=lambda m: m.inlier_ratio * plausible(m.T_map_scan[None])[0])
-        if best.inlier_ratio < match.inlier_ratio + BETTER:
-            best = match
-        if not doubtful and self._disagreement(best) < DOUBT:
+        worth = [m.inlier_ratio * plausible(m.T_map_scan[None])[0] for m in matches]
+        best = min((m for m, w in zip(matches, worth, strict=True) if w > max(worth) - SIMILAR),
+                   key=self._disagreement)
+        stalled = best.inlier_ratio < SUDDEN * self._usual and not _near(seed, coasted, BROKE)
+        if not (doubtful or stalled) and self._disagreement(best) < DOUBT:
             return best, best.inlier_ratio >= self._config.minimum_inlier_ratio
         return best, self._found(best, matches)
 
     def _found(self, best: Match, matches: list[Match]) -> bool:
         """Tell whether a match is clear enough to overrule the odometry; else become lost."""
-        found = best.inlier_ratio >= self._config.doubtful_inlier_ratio and all(
-            _near(best, m) for m in matches if m.inlier_ratio > best.inlier_ratio - BETTER)
+        near = [_near(best.T_map_scan, m.T_map_scan, SAME) for m in matches]
+        rivals = [m for m, same in zip(matches, near, strict=True)
+                  if not same and m.inlier_ratio > best.inlier_ratio - DISTINCT]
+        enough = (self._config.minimum_inlier_ratio if all(near)
+                  else self._config.doubtful_inlier_ratio)
+        found = best.inlier_ratio >= enough and not rivals
         if not found and not self.lost:
             self.P = self.P + np.diag(LOST_SIGMA) ** 2
         self.lost = not found
