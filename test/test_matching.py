@@ -8,7 +8,7 @@ import numpy as np
 from somfusion_ros.geometry import between
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.matching import Prior, refine, register
+from somfusion_ros.slam.matching import refine, register
 from somfusion_ros.slam.scan import cloud
 
 ROOM = fake_room()
@@ -61,8 +61,7 @@ def test_a_prior_holds_where_the_surface_does_not():
     scan = cloud(fake_scan(HALL, np.array([0.3, 0.1, 0.0]), noise=0.01), 30.0)
     target = LocalMap.of_views([cloud(fake_scan(HALL, np.zeros(3), noise=0.01), 30.0)],
                                [np.zeros(3)])
-    match = refine(scan, target, np.array([0.3, 0.05, 0.02]),
-                   prior=Prior(np.array([0.3, 0.05, 0.02]), 1e3 * np.eye(3)))
+    match = refine(scan, target, np.array([0.3, 0.05, 0.02]), hold=1e3 * np.eye(3))
     assert abs(match.T_map_scan[0] - 0.3) < 0.03
 
 

@@ -50,9 +50,10 @@ def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: flo
     step = np.clip(1.5 * FIELD_STEP / max(arm, 0.5), 0.005, 0.05)
     turns = step * np.arange(-np.ceil(turn / step), np.ceil(turn / step) + 1)
     half = int(np.ceil(reach / (FIELD_STEP * BLOCK))) * BLOCK
-    fine = _padded(field, half + BLOCK)
+    margin = 2 * half + BLOCK    # a point this far outside may still enter the field
+    fine = cv2.copyMakeBorder(field, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=0)
     bound = cv2.dilate(fine, np.ones((BLOCK, BLOCK), np.uint8), anchor=(0, 0))
-    cells = _cells(points, centre[2] + turns, centre[:2] - corner, half + BLOCK, half, fine.shape)
+    cells = _cells(points, centre[2] + turns, centre[:2] - corner, margin, half, fine.shape)
     scores = _block_scores(bound, cells, half)
     factors = np.ones_like(scores) if prior is None else _factors(prior, centre, turns, half)
     scores = scores * factors
@@ -83,12 +84,6 @@ def _factors(prior: Prior, centre: Array, turns: Array, half: int) -> Array:
     theta, y, x = np.meshgrid(turns, offset, offset, indexing='ij')
     poses = centre + np.stack([x, y, theta], -1).reshape(-1, 3)
     return prior(poses).reshape(theta.shape)
-
-
-def _padded(field: NDArray[np.float32], margin: int) -> NDArray[np.float32]:
-    """Field with an empty margin of cells all around."""
-    return cv2.copyMakeBorder(field, margin, 2 * margin, margin, 2 * margin,
-                              cv2.BORDER_CONSTANT, value=0.0)
 
 
 def _cells(points: Array, turns: Array, offset: Array, margin: int, half: int,

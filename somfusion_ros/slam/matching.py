@@ -10,7 +10,6 @@ normals all point one way, says nothing along itself.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
@@ -60,22 +59,15 @@ def coarse(scan: Cloud, target: LocalMap, seed: Array) -> Array:
     return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
 
 
-class Prior(NamedTuple):
-    """What is known before a match: a pose (3,) and its information (3, 3)."""
-
-    pose: Array
-    information: Array
-
-
-def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Prior | None = None) -> Match:
+def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None) -> Match:
     """
     Point-to-line Gauss-Newton from a seed (3,).
 
-    The prior holds the pose where the surface fixes nothing; it is not part of the information
-    returned.
+    hold is information (3, 3) that keeps the pose at the seed where the surface fixes nothing;
+    it is not part of the information returned.
     """
     x = np.array(seed, dtype=float)
-    prior = prior or Prior(x, np.zeros((3, 3)))
+    hold = np.zeros((3, 3)) if hold is None else hold
     H, inliers, residual = np.zeros((3, 3)), np.zeros(0), np.inf
     for gate in GATES:
         R = rotation(x[2])
@@ -94,11 +86,11 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, prior: Prior | None = Non
         w = found / (1.0 + (e / (0.3 * gate)) ** 2) ** 2
         J = _jacobian(n, arm)
         H = (J * w[:, None]).T @ J
-        d = x - prior.pose
+        d = x - seed
         d[2] = wrap(d[2])
         scale = OVERSAMPLING * RANGE_SIGMA ** 2
-        step = np.linalg.solve(H / scale + prior.information + 1e-6 * np.eye(3),
-                               (J * w[:, None]).T @ e / scale + prior.information @ d)
+        step = np.linalg.solve(H / scale + hold + 1e-6 * np.eye(3),
+                               (J * w[:, None]).T @ e / scale + hold @ d)
         x = x - step
         inliers, residual = found, float(np.sqrt((w * e * e).sum() / max(w.sum(), 1e-9)))
     x[2] = wrap(x[2])
@@ -126,8 +118,8 @@ def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
-def register(scan: Cloud, target: LocalMap, seed: Array, prior: Prior | None = None) -> Match:
+def register(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None) -> Match:
     """Register with kiss-icp from the seed (3,), then refine."""
     if len(scan) < 8 or len(target) < 8:
         return Match(np.array(seed, dtype=float), np.zeros((3, 3)), 0.0, np.inf)
-    return refine(scan, target, coarse(scan, target, seed), prior)
+    return refine(scan, target, coarse(scan, target, seed), hold)

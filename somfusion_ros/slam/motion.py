@@ -64,6 +64,11 @@ class OdometryBuffer:
         """Stamp [s] of the newest sample."""
         return self._stamps[-1] if self._stamps else None
 
+    @property
+    def samples(self) -> tuple[Array, Array]:
+        """Stamps (n,) [s] and poses T_odom_base (n, 3) of what is kept."""
+        return np.array(self._stamps), np.array([s[1] for s in self._samples]).reshape(-1, 3)
+
     def clear(self) -> None:
         """Forget everything, after a jump in time."""
         self._samples.clear()

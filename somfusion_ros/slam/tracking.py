@@ -18,7 +18,7 @@ from somfusion_ros.geometry import Array, between, compose, compose_jacobians, w
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.matching import Match, Prior, refine, register
+from somfusion_ros.slam.matching import Match, refine, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
 from somfusion_ros.slam.scan import Cloud
 
@@ -148,7 +148,7 @@ class Tracker:
         and nothing else as much; otherwise the robot is lost until one does.
         """
         seed = self.T_view_base
-        hold = Prior(seed, np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3))))
+        hold = np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3)))
         match = register(scan, self._map, seed, hold)
         doubtful = jumped or self.lost
         if (not doubtful and match.inlier_ratio >= self._config.doubtful_inlier_ratio

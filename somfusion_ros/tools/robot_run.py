@@ -16,6 +16,7 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.trajectory import with_odometry
 from somfusion_ros.tools.bags import BagError, Log
 
 LATE_ODOMETRY = 0.5   # [s] scans this much after the last odometry are reached by its twist
@@ -26,8 +27,9 @@ class RobotRun:
     """
     What came out of one robot's log.
 
-    grid in the robot's map frame; stamps [s] and poses T_map_base of every scan (M,), (M, 3) and
-    of the kept views (N,), (N, 3); odometry (M, 3) at the scans; counters by name;
+    grid in the robot's map frame; stamps [s] and poses T_map_base (M,), (M, 3) of every scan
+    and of the odometry between them, and of the kept views (N,), (N, 3); odometry (K, 3) at the
+    scans; counters by name;
     milliseconds per scan (M,); recorded and computing time [s].
     """
 
@@ -66,7 +68,7 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     grid = slam.grid()
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
-    all_stamps, poses = slam.trajectory()
+    all_stamps, poses = with_odometry(*slam.trajectory(), *buffer.samples, buffer.lag)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
                     np.asarray(odometry, dtype=float).reshape(-1, 3),
