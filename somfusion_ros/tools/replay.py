@@ -90,7 +90,7 @@ def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
         'laser_pose': list(run.log.T_base_laser),
         'scans': len(ms),
         'views': len(run.views),
-        'distance': float(np.hypot(*np.diff(run.poses[:, :2], axis=0).T).sum()),
+        'distance': float(np.hypot(*np.diff(run.views[:, :2], axis=0).T).sum()),
         'recorded_seconds': run.recorded,
         'seconds': run.seconds,
         'real_time_factor': run.recorded / max(run.seconds, 1e-9),

@@ -29,8 +29,7 @@ class RobotRun:
 
     grid in the robot's map frame; stamps [s] and poses T_map_base (M,), (M, 3) of every scan
     and of the odometry between them, and of the kept views (N,), (N, 3); odometry (K, 3) at the
-    scans; counters by name;
-    milliseconds per scan (M,); recorded and computing time [s].
+    scans; counters by name; milliseconds per scan (K,); recorded and computing time [s].
     """
 
     log: Log
