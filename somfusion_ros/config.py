@@ -46,7 +46,7 @@ class SlamConfig:
     local_map_views: int = parameter(
         10, 'views', 1, 100, 'Scans are matched against the surface that this many views saw.')
     minimum_inlier_ratio: float = parameter(
-        0.4, 'share', 0.0, 1.0, 'A match that explains less of the scan is not used.')
+        0.35, 'share', 0.0, 1.0, 'A match that explains less of the scan is not used.')
     doubtful_inlier_ratio: float = parameter(
         0.6, 'share', 0.0, 1.0,
         'Below this share of the scan, a match is checked by a wider correlative search.')

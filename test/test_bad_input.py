@@ -143,7 +143,7 @@ def test_bad_scans_among_good_ones_leave_a_map(tmp_path: Path) -> None:
     run = run_robot(open_log(tmp_path / 'bag'))
     assert np.hypot(*(run.poses[-1, :2] - (poses[-1, :2] - (1.0, 2.0)))) < 0.15
     assert run.grid.occupied.sum() > 100
-    assert len(run.poses) < len(stamps)
+    assert any(name.startswith('scan_') for name in run.counters), 'what was bad is counted'
 
 
 def command(capsys: pytest.CaptureFixture, *arguments: object) -> str:

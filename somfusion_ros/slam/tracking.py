@@ -28,7 +28,7 @@ STALL = np.array([0.2, 0.5])              # [m] [rad] by which odometry may be w
 STALL_SPEED = (1.2, 1.5)  # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
 SIMILAR = 0.05           # share of points by which a match must win over the odometry's
 DISTINCT = 0.08          # and over any other, to be clear
-SUDDEN = 0.6             # share of the usual inlier ratio below which something happened,
+SUDDEN = 0.5             # share of the usual inlier ratio below which something happened,
 BROKE = (0.3, 0.3)       # [m] [rad] if the odometry also broke off the motion by more than this
 MEMORY = 0.2             # weight of the newest scan in the usual inlier ratio
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
@@ -127,7 +127,8 @@ class Tracker:
         if previous is None:
             return ''
         step = self.calibration.correct(between(previous.pose, odometry.pose))
-        Q = increment_covariance(step, self._noise)
+        Q = (increment_covariance(step, self._noise)
+             + self.calibration.covariance(previous, odometry))
         dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
         self._unseen += dt
         reason = ''
@@ -170,11 +171,17 @@ class Tracker:
         return best, self._found(best, matches)
 
     def _found(self, best: Match, matches: list[Match]) -> bool:
-        """Tell whether a match is clear enough to overrule the odometry; else become lost."""
-        near = [_near(best.T_map_scan, m.T_map_scan, SAME) for m in matches]
-        rivals = [m for m, same in zip(matches, near, strict=True)
-                  if not same and m.inlier_ratio > best.inlier_ratio - DISTINCT]
-        enough = (self._config.minimum_inlier_ratio if all(near)
+        """
+        Tell whether a match is clear enough to overrule the odometry; else become lost.
+
+        Less of the scan is enough where the first match, from the odometry, and the last, from
+        the search, confirm one another.
+        """
+        rivals = [m for m in matches if m.inlier_ratio > best.inlier_ratio - DISTINCT
+                  and not _near(best.T_map_scan, m.T_map_scan, SAME)]
+        confirmed = all(_near(best.T_map_scan, m.T_map_scan, SAME)
+                        for m in (matches[0], matches[-1]))
+        enough = (self._config.minimum_inlier_ratio if confirmed
                   else self._config.doubtful_inlier_ratio)
         found = best.inlier_ratio >= enough and not rivals
         if not found and not self.lost:
