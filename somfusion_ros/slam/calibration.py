@@ -48,19 +48,10 @@ class Calibration:
         return np.array([c * stretched[0] - s * stretched[1],
                          s * stretched[0] + c * stretched[1], turn])
 
-    def covariance(self, previous: Odometry, current: Odometry) -> Array:
-        """Covariance (3, 3) of a step that comes from not knowing the coefficients yet."""
-        step, h = self._regressors(previous, current)
-        return np.diag([self.P_travelling[0, 0] * step[0] ** 2, 0.0, h @ self.P_turning @ h])
-
-    def _regressors(self, previous: Odometry, current: Odometry) -> tuple[Array, Array]:
-        """Odometry's step (3,), and what its heading error is linear in (3,)."""
-        step = between(previous.pose, current.pose)
-        return step, np.array([current.twist[2] - previous.twist[2], step[2], step[0]])
-
     def learn(self, previous: Odometry, current: Odometry, matched: Array) -> None:
         """Take in one step: its odometry at both ends, and the motion (3,) that was matched."""
-        step, h = self._regressors(previous, current)
+        step = between(previous.pose, current.pose)
+        h = np.array([current.twist[2] - previous.twist[2], step[2], step[0]])
         # The odometry was read with the lag known by now; what remains is the rest of it.
         error = matched[2] - step[2] + self.turning[0] * h[0]
         noise = TURN_NOISE[0] + TURN_NOISE[1] * abs(step[2])

@@ -127,8 +127,7 @@ class Tracker:
         if previous is None:
             return ''
         step = self.calibration.correct(between(previous.pose, odometry.pose))
-        Q = (increment_covariance(step, self._noise)
-             + self.calibration.covariance(previous, odometry))
+        Q = increment_covariance(step, self._noise)
         dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
         self._unseen += dt
         reason = ''
