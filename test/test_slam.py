@@ -158,6 +158,18 @@ def test_a_repeated_scan_is_counted_once():
     assert len(slam.trajectory()[0]) == 20
 
 
+@pytest.mark.parametrize('part', ['pose', 'twist'])
+def test_odometry_that_is_not_a_number_changes_nothing(part):
+    scans, buffer, truth = drive(noise=(0.01, 0.01), waypoints=LOOP[:3])
+    slam, missing = Slam(), np.full(3, np.nan)
+    for k, scan in enumerate(scans):
+        odometry = buffer.at(scan.stamp)
+        step = slam.process(scan, replace(odometry, **{part: missing}) if k % 5 == 2 else odometry)
+        assert step.accepted == (k % 5 != 2)
+    assert slam.counters['odometry_not_finite'] == sum(k % 5 == 2 for k in range(len(scans)))
+    assert errors(slam, scans, truth)[0].max() < 0.1
+
+
 def test_nothing_seen_yet_is_an_empty_map():
     slam = Slam()
     assert slam.grid().shape == (1, 1)

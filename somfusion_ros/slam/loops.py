@@ -106,7 +106,6 @@ class LoopClosure:
     def __init__(self, config: SlamConfig) -> None:
         self._config = config
         self._pending: list[Loop] = []
-        self.rejected = 0
 
     def trusted(self, loop: Loop, ekf: Estimate) -> list[Relation]:
         """Relations that may now enter the filter: this loop, and those it confirms."""
@@ -119,7 +118,6 @@ class LoopClosure:
         partners = [p for p in self._pending if agree(p.relation, loop.relation, ekf)]
         self._pending.append(loop)
         if len(partners) < (PARTNERS_NEAR if loop.sure else PARTNERS):
-            self.rejected += 1
             return []
         together = [*partners, loop]
         self._pending = [p for p in self._pending if p not in together]

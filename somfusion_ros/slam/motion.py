@@ -28,6 +28,12 @@ class Odometry:
     twist: Array
     wheels: Array | None = None
 
+    def fault(self) -> str:
+        """Name what makes the odometry unusable, '' if nothing does."""
+        usable = (np.isfinite(self.stamp) and np.isfinite(self.pose).all()
+                  and np.isfinite(self.twist).all())
+        return '' if usable else 'odometry_not_finite'
+
 
 @dataclass(frozen=True)
 class MotionNoise:

@@ -74,9 +74,9 @@ class Slam:
         self._last: Step | None = None
 
     def process(self, scan: Scan, odometry: Odometry) -> Step:
-        """Follow the robot through one scan; bad scans are counted and change nothing."""
+        """Follow the robot through one scan; bad input is counted and changes nothing."""
         self.counters['scans'] += 1
-        fault = scan.fault() or self._stamp_fault(scan.stamp)
+        fault = scan.fault() or odometry.fault() or self._stamp_fault(scan.stamp)
         if fault:
             return self._refuse(scan, fault)
         seen = cloud(scan, self.config.max_laser_range, odometry.twist)
