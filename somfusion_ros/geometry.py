@@ -90,14 +90,16 @@ def compose_jacobians(T_a_b: ArrayLike, T_b_c: ArrayLike) -> tuple[Array, Array]
 
 
 def between_jacobians(T_w_a: ArrayLike, T_w_b: ArrayLike) -> tuple[Array, Array]:
-    """Jacobians (3, 3) of `between` in its first and its second argument."""
+    """Jacobians (..., 3, 3) of `between` in its first and its second argument."""
     a, b = np.asarray(T_w_a, dtype=float), np.asarray(T_w_b, dtype=float)
-    c, s = np.cos(a[2]), np.sin(a[2])
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    second = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
+    second = np.zeros((*c.shape, 3, 3))
+    second[..., 0, 0], second[..., 0, 1] = c, s
+    second[..., 1, 0], second[..., 1, 1], second[..., 2, 2] = -s, c, 1.0
     first = -second
-    first[0, 2] = -s * dx + c * dy
-    first[1, 2] = -c * dx - s * dy
+    first[..., 0, 2] = -s * dx + c * dy
+    first[..., 1, 2] = -c * dx - s * dy
     return first, second
 
 

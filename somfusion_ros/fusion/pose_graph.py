@@ -11,11 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from somfusion_ros.geometry import Array, between, between_jacobians, compose, inverse, wrap
 
 MAX_ITERATIONS = 50
-STEP_TOLERANCE = 1e-10
+FEW_ITERATIONS = 3     # of a graph that differs by one edge from one that is solved
+STEP_TOLERANCE = 1e-9
 
 
 class Graph(NamedTuple):
@@ -47,27 +50,18 @@ class Estimate(NamedTuple):
 
 def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
     """Nodes that edges connect to a start node, in rising order."""
-    found, frontier = {start}, [start]
-    while frontier:
-        here = frontier.pop()
-        for a, b in pairs:
-            other = b if a == here else a if b == here else here
-            if other not in found:
-                found.add(int(other))
-                frontier.append(int(other))
-    return sorted(found)
+    a, b = pairs.reshape(-1, 2).T
+    links = coo_array((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
+    labels = connected_components(links, directed=False)[1]
+    return np.flatnonzero(labels == labels[start]).tolist()
 
 
 def optimise(graph: Graph) -> Estimate:
     """Gauss-Newton from the poses along a tree of the best-known edges."""
     poses = _along_tree(graph)
     for _ in range(MAX_ITERATIONS):
-        H, gradient, _ = _linearise(graph, poses)
-        step = np.zeros(3 * graph.nodes)
-        step[3:] = -np.linalg.solve(H[3:, 3:], gradient[3:])
-        poses = poses + step.reshape(-1, 3)
-        poses[:, 2] = wrap(poses[:, 2])
-        if np.abs(step).max() < STEP_TOLERANCE:
+        poses, step = _step(graph, poses)
+        if step < STEP_TOLERANCE:
             break
     H, _, chi2 = _linearise(graph, poses)
     P = np.zeros((3 * graph.nodes, 3 * graph.nodes))
@@ -77,38 +71,52 @@ def optimise(graph: Graph) -> Estimate:
     return Estimate(poses, covariances, chi2)
 
 
+def chi2_from(graph: Graph, poses: Array) -> float:
+    """Chi-square (sum) that a graph settles at, to first order, from poses that nearly fit it."""
+    for _ in range(FEW_ITERATIONS):
+        poses, _ = _step(graph, poses)
+    return float(_linearise(graph, poses)[2].sum())
+
+
+def _step(graph: Graph, poses: Array) -> tuple[Array, float]:
+    """One step of Gauss-Newton: new poses and the size of the step."""
+    H, gradient, _ = _linearise(graph, poses)
+    step = np.zeros(3 * graph.nodes)
+    step[3:] = -np.linalg.solve(H[3:, 3:], gradient[3:])
+    poses = poses + step.reshape(-1, 3)
+    poses[:, 2] = wrap(poses[:, 2])
+    return poses, float(np.abs(step).max())
+
+
 def _linearise(graph: Graph, poses: Array) -> tuple[Array, Array, Array]:
     """Build the normal matrix H, gradient, and chi-square per edge at the given poses."""
+    count, (a, b) = len(graph.pairs), graph.pairs.T
+    residual = between(poses[a], poses[b]) - graph.measured
+    residual[:, 2] = wrap(residual[:, 2])
+    J = np.concatenate(between_jacobians(poses[a], poses[b]), axis=-1)
+    JtW = np.swapaxes(J, 1, 2) @ graph.information
+    index = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
     H = np.zeros((3 * graph.nodes, 3 * graph.nodes))
+    np.add.at(H, (index[:, :, None], index[:, None, :]), JtW @ J)
     gradient = np.zeros(3 * graph.nodes)
-    chi2 = np.zeros(len(graph.pairs))
-    for edge, (a, b) in enumerate(graph.pairs):
-        residual = between(poses[a], poses[b]) - graph.measured[edge]
-        residual[2] = wrap(residual[2])
-        J = np.hstack(between_jacobians(poses[a], poses[b]))
-        JtW = J.T @ graph.information[edge]
-        index = np.r_[3 * a:3 * a + 3, 3 * b:3 * b + 3]
-        H[np.ix_(index, index)] += JtW @ J
-        gradient[index] += JtW @ residual
-        chi2[edge] = residual @ graph.information[edge] @ residual
-    return H, gradient, chi2
+    np.add.at(gradient, index, np.einsum('eij,ej->ei', JtW, residual))
+    chi2 = np.einsum('ei,eij,ej->e', residual, graph.information, residual)
+    return H, gradient, chi2.reshape(count)
 
 
 def _along_tree(graph: Graph) -> Array:
     """Compose the measurements outward from node 0, best-known edges first."""
-    poses, placed = np.zeros((graph.nodes, 3)), {0}
+    poses, placed = np.zeros((graph.nodes, 3)), np.arange(graph.nodes) == 0
     order = np.argsort(-np.linalg.det(graph.information), kind='stable')
-    while len(placed) < graph.nodes:
-        for edge in order:
-            a, b = (int(node) for node in graph.pairs[edge])
-            if (a in placed) == (b in placed):
-                continue
-            if a in placed:
-                poses[b] = compose(poses[a], graph.measured[edge])
-            else:
-                poses[a] = compose(poses[b], inverse(graph.measured[edge]))
-            placed |= {a, b}
-            break
-        else:
+    while not placed.all():
+        leads_on = placed[graph.pairs[order]].sum(1) == 1
+        if not leads_on.any():
             raise ValueError('the graph is not connected')
+        edge = order[leads_on.argmax()]
+        a, b = graph.pairs[edge]
+        if placed[a]:
+            poses[b] = compose(poses[a], graph.measured[edge])
+        else:
+            poses[a] = compose(poses[b], inverse(graph.measured[edge]))
+        placed[[a, b]] = True
     return poses

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from somfusion_ros.fusion.pose_graph import component, Estimate, Graph, optimise
+from somfusion_ros.fusion.pose_graph import chi2_from, component, Estimate, Graph, optimise
 from somfusion_ros.geometry import Array, Pose
 
 # Two maps of one place bend differently, so an edge is never better known than this.
 DRIFT_SIGMA_XY = 0.2                # [m]
 DRIFT_SIGMA_THETA = np.radians(1.0)  # [rad], also felt as translation over the edge's length
 CONTRADICTION = 0.999               # chance with which noise alone stays below the gate
+SUSPECTS = 12                       # edges of the largest residuals that are tried for leaving out
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +123,21 @@ def _consistent(members: list[str], edges: list[Edge]) -> tuple[Estimate, list[D
                   np.array([np.linalg.inv(with_drift(e.T_target_source, e.covariance))
                             for e in edges]).reshape(-1, 3, 3))
     edges, dropped, estimate = list(edges), [], optimise(graph)
-    while estimate.chi2.sum() > _gate(graph):
-        worst = _worst_edge(graph, edges)
+    while _contradicts(graph, estimate):
+        worst = _worst_edge(graph, edges, estimate)
         reason = (f'{edges[worst].target} - {edges[worst].source} contradicts the other accepted '
-                  f'pairs: chi-square {estimate.chi2.sum():.1f} over {_gate(graph):.1f}')
+                  f'pairs: chi-square {estimate.chi2.sum():.1f} over {_gate(graph):.1f} among '
+                  f'{", ".join(members)}')
         dropped.append(Dropped(edges.pop(worst), reason))
         graph = graph.without(worst)
         estimate = optimise(graph)
     return estimate, dropped
+
+
+def _contradicts(graph: Graph, estimate: Estimate) -> bool:
+    """Tell whether the cycles as a whole, or one edge among many, are off by more than noise."""
+    return bool(estimate.chi2.sum() > _gate(graph)
+                or estimate.chi2.max(initial=0.0) > chdtri(3, 1.0 - CONTRADICTION))
 
 
 def _gate(graph: Graph) -> float:
@@ -138,17 +146,18 @@ def _gate(graph: Graph) -> float:
     return float(chdtri(freedom, 1.0 - CONTRADICTION)) if freedom else np.inf
 
 
-def _worst_edge(graph: Graph, edges: list[Edge]) -> int:
+def _worst_edge(graph: Graph, edges: list[Edge], estimate: Estimate) -> int:
     """
     Find the edge on a cycle without which the others agree best.
 
     In a single cycle all do equally well: there the least probable edge goes, then the least
-    known one.
+    known one. A wrong edge pulls at its own cycles, so it is sought where the residuals are large.
     """
     def cost(edge: int) -> tuple[float, float, float]:
         rest = graph.without(edge)
         if len(component(graph.nodes, rest.pairs, 0)) < graph.nodes:
             return np.inf, 0.0, 0.0  # a bridge lies on no cycle
-        return (round(float(optimise(rest).chi2.sum()), 3), edges[edge].probability,
+        return (round(chi2_from(rest, estimate.poses), 3), edges[edge].probability,
                 float(np.linalg.det(graph.information[edge])))
-    return min(range(len(edges)), key=cost)
+    suspects = np.argsort(-estimate.chi2, kind='stable')[:SUSPECTS]
+    return int(min(sorted(suspects), key=cost))
