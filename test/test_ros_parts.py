@@ -1,14 +1,11 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The smaller parts of the nodes: TF and its stand-in, diagnostics, drawing, the player."""
+"""The smaller parts of the nodes: diagnostics, drawing, the player."""
 
 import logging
 from pathlib import Path
-import sys
-from types import ModuleType, SimpleNamespace
 
 from helpers import fake_grid, fake_room, need_data, need_ros
-import numpy as np
 import pytest
 from somfusion_ros.config import FusionConfig, FusionNodeConfig
 from somfusion_ros.geometry import Pose
@@ -17,18 +14,15 @@ need_ros()
 
 from builtin_interfaces.msg import Time  # noqa: E402, I100
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
-from geometry_msgs.msg import Quaternion, Transform, Vector3  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.ros.conversions import quaternion  # noqa: E402
 from somfusion_ros.ros.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.fusion_drawing import (cluster_rows, fusion_statuses,  # noqa: E402
                                               team_markers)
 from somfusion_ros.ros.fusion_session import FusionSession  # noqa: E402
 from somfusion_ros.ros.peers import Heard  # noqa: E402
 from somfusion_ros.ros.player import open_bag, read_records  # noqa: E402
-from somfusion_ros.ros.tf import make_transforms, NoTransforms, planar_mount  # noqa: E402
 
 
 class Log:
@@ -39,60 +33,29 @@ class Log:
         self.info = self.warning = self.lines.append
 
 
-@pytest.fixture
-def node() -> SimpleNamespace:
-    """Give as much of a node as TF needs."""
-    log = Log()
-    return SimpleNamespace(get_logger=lambda: log, log=log)
-
-
-def test_without_tf_the_mount_comes_from_the_parameter(
-        node: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'tf2_ros', None)
-    transforms = make_transforms(node, Pose(0.1, 0.0, 0.2))
-    assert isinstance(transforms, NoTransforms)
-    assert transforms.mount('base_link', 'laser').T_base_laser == Pose(0.1, 0.0, 0.2)
-    transforms.send([])
-    assert len(node.log.lines) == 1
-    assert 'without TF' in node.log.lines[0]
-
-
-def test_with_tf_mounts_are_looked_up_and_estimates_broadcast(
-        node: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
-    fake, sent = ModuleType('tf2_ros'), []
-    fake.TransformException = KeyError
-    known = {('base_link', 'laser'): SimpleNamespace(transform=Transform(
-        translation=Vector3(x=0.2), rotation=quaternion(0.5)))}
-    fake.Buffer = lambda: SimpleNamespace(
-        lookup_transform=lambda target, source, time: known[target, source])
-    fake.TransformListener = lambda buffer, owner: None
-    fake.TransformBroadcaster = lambda owner: SimpleNamespace(sendTransform=sent.append)
-    monkeypatch.setitem(sys.modules, 'tf2_ros', fake)
-    transforms = make_transforms(node, Pose())
-    assert transforms.mount('base_link', 'camera') is None
-    mount = transforms.mount('base_link', 'laser')
-    assert np.allclose(mount.T_base_laser, (0.2, 0.0, 0.5))
-    transforms.send([])
-    transforms.send(['one'])
-    assert sent == [['one']]
-
-
-def test_a_laser_that_hangs_upside_down_is_noticed() -> None:
-    assert not planar_mount(Transform(rotation=quaternion(2.0))).upside_down
-    flipped = planar_mount(Transform(rotation=Quaternion(x=1.0, w=0.0)))
-    assert flipped.upside_down
-    assert flipped.T_base_laser.theta == pytest.approx(0.0)
-
-
-def test_faults_are_counted_and_each_kind_is_said_once() -> None:
-    log = Log()
-    count = Faults(log)
+def test_faults_are_counted_and_each_kind_is_said_rarely() -> None:
+    log, clock = Log(), [0.0]
+    count = Faults(log, lambda: clock[0])
     for _ in range(3):
         count('bad_map', 'because')
     count('bad_scan')
     assert count.counts() == {'bad_map': 3, 'bad_scan': 1}
     assert len(log.lines) == 2
     assert 'because' in log.lines[0]
+    clock[0] = 61.0
+    count('bad_map', 'again')
+    assert 'again (4 so far' in log.lines[2]
+
+
+def test_a_fault_of_the_start_is_said_only_where_it_lasts() -> None:
+    log, clock = Log(), [0.0]
+    count = Faults(log, lambda: clock[0])
+    for clock[0] in (0.0, 1.9):
+        count('no_mount', 'because', patience=2.0)
+    assert not log.lines
+    clock[0] = 2.1
+    count('no_mount', 'because', patience=2.0)
+    assert len(log.lines) == 1
 
 
 @pytest.mark.parametrize(('words', 'level', 'message'), [

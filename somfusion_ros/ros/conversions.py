@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.scan import Scan
+from somfusion_ros.tools import frame_tree
 from std_msgs.msg import Header
 
 CLUSTER_FIELDS = ('x', 'y', 'z', 'normal_x', 'normal_y', 'segment', 'weight')
@@ -38,11 +39,10 @@ def time_message(stamp: float) -> Time:
 
 def yaw(q: Quaternion) -> float:
     """Heading [rad] of a quaternion; one of all zeros means that nobody set it."""
-    values = np.array([q.x, q.y, q.z, q.w])
+    values = [q.x, q.y, q.z, q.w]
     if not np.isfinite(values).all():
-        raise ValueError(f'orientation is not finite: {values.tolist()}')
-    return float(np.arctan2(2 * (q.w * q.z + q.x * q.y),
-                            q.w ** 2 + q.x ** 2 - q.y ** 2 - q.z ** 2))
+        raise ValueError(f'orientation is not finite: {values}')
+    return frame_tree.yaw(q)
 
 
 def quaternion(theta: float) -> Quaternion:

@@ -3,31 +3,46 @@
 """What a node tells /diagnostics: counts by name, and which of them are faults."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import math
 import threading
+import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
+REPEAT = 60.0   # [s] between two lines in the log about the same kind of fault
+
 
 class Faults:
-    """Counts what was wrong with incoming data, per kind; says each kind once."""
+    """
+    Counts what was wrong with incoming data, per kind; says each kind, and repeats it rarely.
 
-    def __init__(self, logger: Any) -> None:
-        self._logger = logger
+    now gives the time [s] of a steady clock.
+    """
+
+    def __init__(self, logger: Any, now: Callable[[], float] = time.monotonic) -> None:
+        self._logger, self._now = logger, now
         self._counts: Counter[str] = Counter()
+        self._due: dict[str, float] = {}
         self._lock = threading.Lock()
 
-    def __call__(self, kind: str, reason: str = '') -> None:
-        """Count one fault; the first of its kind is logged with its reason."""
+    def __call__(self, kind: str, reason: str = '', patience: float = 0.0) -> None:
+        """
+        Count one fault, and log it with its reason unless its kind was said lately.
+
+        What is usual for a moment after the start is not said before it lasts for patience [s].
+        """
         with self._lock:
             self._counts[kind] += 1
-            first = self._counts[kind] == 1
-        if first:
-            self._logger.warning(f'{kind}: {reason} (further ones are counted in /diagnostics)')
+            now, count = self._now(), self._counts[kind]
+            if now < self._due.setdefault(kind, now + patience):
+                return
+            self._due[kind] = now + REPEAT
+        self._logger.warning(f'{kind}: {reason} ({count} so far; all are counted in '
+                             '/diagnostics)')
 
     def counts(self) -> dict[str, int]:
         """Give the counts so far."""

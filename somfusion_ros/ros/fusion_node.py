@@ -187,7 +187,7 @@ class FusionNode(Node):
 
     def _publish_transforms(self) -> None:
         """Repeat what is accepted."""
-        self._publisher.transforms(self._session.snapshot, self._heard)
+        self._publisher.transforms(self._session.snapshot, self._heard, self._alive)
 
     def _report(self) -> None:
         """Tell /diagnostics how the node and each peer are doing."""

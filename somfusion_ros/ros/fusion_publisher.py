@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Everything a fusion node publishes, and the names of the frames it does so in."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -20,7 +20,7 @@ from somfusion_ros.ros.diagnostics import diagnostic_array
 from somfusion_ros.ros.fusion_drawing import cluster_rows, team_markers
 from somfusion_ros.ros.fusion_session import Snapshot
 from somfusion_ros.ros.peers import Heard
-from somfusion_ros.ros.tf import make_transforms
+from somfusion_ros.ros.tf import Broadcaster
 from visualization_msgs.msg import MarkerArray
 
 
@@ -29,7 +29,7 @@ class FusionPublisher:
 
     def __init__(self, node: Any, robot: str, config: FusionNodeConfig) -> None:
         self._node, self._robot, self._config = node, robot, config
-        self._transforms = make_transforms(node, Pose())
+        self._transforms = Broadcaster(node)
         self._map = node.create_publisher(OccupancyGrid, config.merged_map_topic, qos.LATCHED)
         self._relative = node.create_publisher(TransformStamped, 'relative_transforms',
                                                qos.LATCHED_PER_PAIR)
@@ -43,19 +43,30 @@ class FusionPublisher:
         own = self._config.map_frame
         return own if robot == self._robot else f'{robot}/{own.rpartition("/")[2]}'
 
+    @property
+    def _shared_tree(self) -> bool:
+        """Whether all robots share one /tf: a prefixed map frame would be pointless elsewhere."""
+        return '/' in self._config.map_frame.strip('/')
+
     def global_map(self, grid: Grid) -> None:
         """Publish the global map."""
         self._map.publish(convert.grid_message(grid, self._config.world_frame, self._now()))
 
-    def transforms(self, snapshot: Snapshot, heard: Mapping[str, Heard]) -> None:
-        """Repeat what is accepted, as messages and on TF, and where the robots are."""
+    def transforms(self, snapshot: Snapshot, heard: Mapping[str, Heard],
+                   alive: Collection[str]) -> None:
+        """
+        Repeat what is accepted, as messages and on TF, and where the robots are.
+
+        In one tree for all robots, a peer whose own fusion node is alive places its map itself.
+        """
         stamp, world = self._now(), snapshot.world(self._robot)
         for peer, pose in snapshot.own_transforms.items():
             self._relative.publish(convert.transform_message(
                 pose, self.frame(self._robot), self.frame(peer), stamp))
         self._transforms.send([convert.transform_message(
             pose, self._config.world_frame, self.frame(robot), stamp)
-            for robot, pose in world.items()])
+            for robot, pose in world.items()
+            if robot == self._robot or not self._shared_tree or robot not in alive])
         poses = [Pose.from_array(compose(world[robot], heard[robot].poses[-1][1]))
                  for robot in sorted(world) if robot in heard and heard[robot].poses]
         if poses:

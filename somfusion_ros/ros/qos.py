@@ -21,6 +21,11 @@ STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
+# What tf2_ros uses for /tf and /tf_static.
+TRANSFORMS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+STATIC_TRANSFORMS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE,
+                               durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
 # What a recorded log is played with: reliable and deep, so that nothing is lost.
 REPLAY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 

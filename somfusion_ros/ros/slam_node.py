@@ -11,9 +11,7 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
+from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -25,18 +23,21 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import parameters, qos
-from somfusion_ros.ros.diagnostics import diagnostic_array, Faults
+from somfusion_ros.ros.diagnostics import Faults
 from somfusion_ros.ros.runtime import run
 from somfusion_ros.ros.session import Session
-from somfusion_ros.ros.slam_status import Last, slam_status
-from somfusion_ros.ros.tf import make_transforms, Mount
+from somfusion_ros.ros.slam_publisher import SlamPublisher
+from somfusion_ros.ros.slam_status import Last, silence, slam_status
+from somfusion_ros.ros.tf import Mounts
 from somfusion_ros.ros.worker import Worker
 from somfusion_ros.slam.motion import WheelOdometry
+from somfusion_ros.tools.frame_tree import Mount
 from somfusion_ros.tools.maps import write_map
 from std_srvs.srv import Trigger
 
 TICK = 0.1           # [s] between looks at scans that wait in vain
 REPORT_PERIOD = 1.0  # [s] between two diagnostics
+PATIENCE = 2.0       # [s] for which something may be missing after the start before it is said
 
 
 class SlamNode(Node):
@@ -49,8 +50,8 @@ class SlamNode(Node):
         self._session = Session(parameters.declare(self, SlamConfig),
                                 self._config.transform_timeout, self._count)
         self._wheels = WheelOdometry(self._config.wheel_radius, self._config.wheel_separation)
-        self._transforms = make_transforms(self, Pose.from_array(self._config.laser_pose))
-        self._mount: Mount | None = None
+        self._publisher = SlamPublisher(self, self._config)
+        self._mounts = Mounts(self, Pose.from_array(self._config.laser_pose))
         self._ticks = 0
         self._last = Last(reported=(0, time.monotonic()))
         self._map: OccupancyGrid | None = None
@@ -76,11 +77,6 @@ class SlamNode(Node):
         else:
             self.create_subscription(JointState, 'joint_states', self._on_joint_states,
                                      qos.SENSOR_DATA, **options)
-        self._map_pub = self.create_publisher(OccupancyGrid, 'map', qos.LATCHED)
-        self._metadata_pub = self.create_publisher(MapMetaData, 'map_metadata', qos.LATCHED)
-        self._pose_pub = self.create_publisher(PoseWithCovarianceStamped, 'pose', qos.STREAM)
-        self._path_pub = self.create_publisher(Path, 'path', qos.LATEST)
-        self._diagnostics_pub = self.create_publisher(DiagnosticArray, '/diagnostics', qos.STREAM)
         # A group of its own: while it waits for the worker, the other callbacks go on.
         self.create_service(Trigger, '~/save_map', self._save_map,
                             callback_group=MutuallyExclusiveCallbackGroup())
@@ -89,22 +85,33 @@ class SlamNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)   # a paused simulation must not stop it
         self.create_timer(TICK, self._tick, clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
-        if self._config.transform_publish_period > 0 and self._transforms.available:
+        if self._publisher.sends_transforms:
             self.create_timer(self._config.transform_publish_period, self._send_transform,
                               clock=steady)
 
     def _on_scan(self, message: LaserScan) -> None:
         """Let a scan wait for its odometry, and process what need not wait any more."""
-        mount = self._mount or self._transforms.mount(self._config.base_frame,
-                                                      message.header.frame_id)
+        self._last.scan_heard = time.monotonic()
+        mount = self._mount_of(message.header.frame_id)
         if mount is None:
-            self._count('scans_without_mount', 'TF does not know where the laser '
-                        f'{message.header.frame_id} sits on {self._config.base_frame}')
+            self._count('scans_without_mount', self._last.lacking, PATIENCE)
             return
-        self._mount = mount
-        scan = convert.scan_from_message(message, *mount)
+        scan = convert.scan_from_message(message, mount.T_base_laser, mount.upside_down)
         self._session.add_scan(scan, message.header.stamp, self._ticks * TICK)
         self._tracker.wake()
+
+    def _mount_of(self, laser: str) -> Mount | None:
+        """Give the mount of a laser; None, kept with the reason, where there is none to use."""
+        base, self._last.lacking = self._config.base_frame, ''
+        try:
+            mount = self._mounts.find(base, laser)
+        except ValueError as error:
+            self._last.lacking = str(error)
+            return None
+        if mount is None:
+            self._last.lacking = (f'no transform {base} -> {laser} on /tf_static: publish it, or '
+                                  'set laser_pose')
+        return mount
 
     def _on_odometry(self, message: Odometry) -> None:
         """Keep a pose of the wheel odometry."""
@@ -143,8 +150,7 @@ class SlamNode(Node):
         self._last.scans += 1
         if step.accepted:
             self._last.stamp, self._last.step = stamp, step
-            self._pose_pub.publish(convert.pose_with_covariance(
-                step.pose, step.covariance, self._config.map_frame, stamp))
+            self._publisher.pose(step, stamp)
         return True
 
     def _tick(self) -> None:
@@ -157,12 +163,9 @@ class SlamNode(Node):
         self._ticks += 1
 
     def _send_transform(self) -> None:
-        """Repeat map -> odom, stamped ahead by the timeout so that consumers need not wait."""
+        """Repeat map -> odom."""
         if self._last.step is not None:
-            ahead = convert.seconds(self._last.stamp) + self._config.transform_timeout
-            self._transforms.send([convert.transform_message(
-                self._last.step.T_map_odom, self._config.map_frame, self._config.odom_frame,
-                convert.time_message(ahead))])
+            self._publisher.transform(self._last.step, self._last.stamp)
 
     def _work(self) -> bool:
         """Close one loop or draw the map, in the worker; tell whether there is more."""
@@ -174,24 +177,26 @@ class SlamNode(Node):
         return more
 
     def _publish_map(self) -> Grid:
-        """Draw and publish map, metadata and path."""
+        """Draw and publish the map."""
         slam, stamp = self._session.slam, self._last.stamp or Time()
         grid = slam.grid()
-        message = convert.grid_message(grid, self._config.map_frame, stamp)
-        path = convert.path_message(*slam.views(), self._config.map_frame, stamp)
-        self._map = message
         if not self._worker.stopping:
-            self._map_pub.publish(message)
-            self._metadata_pub.publish(message.info)
-            self._path_pub.publish(path)
+            self._map = self._publisher.grid(grid, slam, stamp)
         return grid
 
     def _report(self) -> None:
-        """Tell /diagnostics how the node is doing."""
-        self._diagnostics_pub.publish(diagnostic_array(self.get_clock().now().to_msg(), [
-            slam_status(self.get_fully_qualified_name().lstrip('/'), self.get_namespace(),
-                        self._last, self._session.slam, self._count.counts(),
-                        time.monotonic())]))
+        """Tell /diagnostics how the node is doing, and the log where nothing comes out."""
+        kind, reason = silence(self._last, time.monotonic())
+        if kind:
+            self._count(kind, f'{reason} (on {self._inputs()})', PATIENCE)
+        self._publisher.diagnostics(slam_status(
+            self.get_fully_qualified_name().lstrip('/'), self.get_namespace(), self._last,
+            self._session.slam, self._count.counts(), time.monotonic()))
+
+    def _inputs(self) -> str:
+        """Name what the node listens to, as remapped."""
+        odometry = {'odom': 'odom', 'encoders': 'joint_states'}[self._config.odometry_source]
+        return ', '.join(self.resolve_topic_name(name) for name in ('scan', odometry))
 
     def _on_worker_error(self, error: Exception) -> None:
         self._count('worker_errors', repr(error))

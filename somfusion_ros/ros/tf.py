@@ -1,81 +1,80 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-TF where tf2_ros is installed, and a null object where it is not.
+TF: estimated transforms go out on /tf, the mount of the laser comes in on /tf_static.
 
-tf2_ros comes with a ROS installation and not from PyPI. Without it the mount of the laser comes
-from the parameter `laser_pose`, and every transform is still published as a message.
+Only the message type tf2_msgs is needed, which every ROS installation has but PyPI has not.
+Without it the mount comes from the parameter `laser_pose`, and every transform is still
+published as a message. Both topics are absolute, as everywhere in ROS: remap /tf to tf and
+/tf_static to tf_static for a robot with a tree of its own.
 """
 
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 from somfusion_ros.geometry import Pose
-from somfusion_ros.ros.conversions import yaw
+from somfusion_ros.ros import qos
+from somfusion_ros.tools.frame_tree import FrameTree, Mount
 
 
-class Mount(NamedTuple):
-    """Where a laser sits on the robot, and whether it hangs upside down."""
+class Broadcaster:
+    """Sends estimates on /tf, never on /tf_static, because they change; nothing without TF."""
 
-    T_base_laser: Pose
-    upside_down: bool = False
-
-
-class NoTransforms:
-    """Stands in for TF: sends nothing, and every laser sits where the parameter says."""
-
-    available = False
-
-    def __init__(self, fallback: Pose) -> None:
-        self._mount = Mount(fallback)
+    def __init__(self, node: Any) -> None:
+        self._type = message_type(node)
+        self.available = self._type is not None
+        self._publisher = (node.create_publisher(self._type, '/tf', qos.TRANSFORMS)
+                           if self.available else None)
 
     def send(self, transforms: list[Any]) -> None:
-        """Send nothing."""
-
-    def mount(self, base_frame: str, laser_frame: str) -> Mount | None:
-        """Give the mount of the parameter, whatever the frames are."""
-        return self._mount
+        """Broadcast geometry_msgs/TransformStamped."""
+        if self._publisher is not None and transforms:
+            self._publisher.publish(self._type(transforms=transforms))
 
 
-class Transforms:
-    """Broadcasts estimated transforms and looks up the mount of the laser."""
+class Mounts:
+    """
+    Tells where lasers sit on the robot.
 
-    available = True
+    A mount that is given, other than at the base itself, goes before TF. Transforms that a robot
+    repeats on /tf count as well; as there are many, they are heard only until the mount is known.
+    """
 
-    def __init__(self, node: Any, tf2_ros: Any) -> None:
-        self._time = import_module('rclpy.time').Time
-        self._buffer = tf2_ros.Buffer()
-        self._listener = tf2_ros.TransformListener(self._buffer, node)
-        self._broadcaster = tf2_ros.TransformBroadcaster(node)
-        self._tf2_ros = tf2_ros
+    def __init__(self, node: Any, given: Pose) -> None:
+        self._given = None if given == Pose() else Mount(given)
+        self._known: dict[tuple[str, str], Mount] = {}
+        self._tree, self._node, self._repeated = FrameTree(), node, None
+        kind = None if self._given else message_type(node)
+        if kind is None:
+            self._given = self._given or Mount(given)
+            return
+        node.create_subscription(kind, '/tf_static', self._on_transforms, qos.STATIC_TRANSFORMS)
+        self._repeated = node.create_subscription(kind, '/tf', self._on_transforms,
+                                                  qos.TRANSFORMS)
 
-    def send(self, transforms: list[Any]) -> None:
-        """Broadcast; on `tf`, never on `tf_static`, because estimates change."""
-        if transforms:
-            self._broadcaster.sendTransform(transforms)
+    def find(self, base_frame: str, laser_frame: str) -> Mount | None:
+        """Give a mount; None while TF does not know it, ValueError where it is tilted."""
+        if self._given is not None:
+            return self._given
+        frames = (base_frame, laser_frame)
+        if frames not in self._known:
+            mount = self._tree.mount(base_frame, laser_frame)
+            if mount is None:
+                return None
+            self._known[frames] = mount
+            if self._repeated is not None:
+                self._node.destroy_subscription(self._repeated)
+                self._repeated = None
+        return self._known[frames]
 
-    def mount(self, base_frame: str, laser_frame: str) -> Mount | None:
-        """Look up the newest mount; None while TF does not know it."""
-        try:
-            found = self._buffer.lookup_transform(base_frame, laser_frame, self._time())
-        except self._tf2_ros.TransformException:
-            return None
-        return planar_mount(found.transform)
-
-
-def planar_mount(transform: Any) -> Mount:
-    """Mount of a transform base <- laser; a laser whose z axis points down hangs upside down."""
-    q = transform.rotation
-    upside_down = 1.0 - 2.0 * (q.x ** 2 + q.y ** 2) < 0.0
-    return Mount(Pose(transform.translation.x, transform.translation.y, yaw(q)),
-                 upside_down)
+    def _on_transforms(self, message: Any) -> None:
+        self._tree.add(message.transforms)
 
 
-def make_transforms(node: Any, fallback: Pose) -> NoTransforms | Transforms:
-    """Use TF where tf2_ros can be imported; otherwise say so once and do without."""
+def message_type(node: Any) -> Any:
+    """Give tf2_msgs/TFMessage; None, said once, where it is not installed."""
     try:
-        tf2_ros = import_module('tf2_ros')
+        return import_module('tf2_msgs.msg').TFMessage
     except ImportError as error:
         node.get_logger().info(f'running without TF ({error}): transforms go out as messages')
-        return NoTransforms(fallback)
-    return Transforms(node, tf2_ros)
+        return None

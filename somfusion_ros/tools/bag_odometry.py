@@ -11,7 +11,7 @@ from somfusion_ros.geometry import Array, between
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.tools.bag_reader import BagError
 from somfusion_ros.tools.bag_topics import odometry_frames, stamp
-from somfusion_ros.tools.bag_transforms import plain, yaw
+from somfusion_ros.tools.frame_tree import plain, yaw
 
 if TYPE_CHECKING:
     from somfusion_ros.tools.bags import Log

@@ -5,7 +5,8 @@
 from typing import Any, TYPE_CHECKING
 
 from somfusion_ros.tools.bag_reader import BagReader
-from somfusion_ros.tools.bag_transforms import BASE_FRAMES, plain, TF_TYPES
+from somfusion_ros.tools.bag_transforms import TF_TYPES
+from somfusion_ros.tools.frame_tree import BASE_FRAMES, plain
 
 if TYPE_CHECKING:
     from somfusion_ros.tools.bags import BagOptions
