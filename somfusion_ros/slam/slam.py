@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """View-based SLAM of one robot: motion, matching, EKF, loop closure, mapping, in that order."""
 
-from collections import Counter, deque
-from dataclasses import dataclass
+from collections import Counter
 from threading import Lock
 
 import numpy as np
@@ -12,36 +11,16 @@ from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam import closing, loops, smoothing
-from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.mapping import Mapper, MapScan
+from somfusion_ros.slam.memory import Memory, State
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud, cloud, Scan
+from somfusion_ros.slam.step import Step
 from somfusion_ros.slam.tracking import Track, Tracker
 
 LOST_TRAVEL = 4.0  # a lost robot keeps matching against its last views for so many views' travel
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """
-    What one scan did.
-
-    stamp [s], pose T_map_base and its covariance (3, 3), T_map_odom, whether the scan could be
-    used, whether it was matched and how much of it, whether it became a view, and what was
-    wrong with it ('' if nothing).
-    """
-
-    stamp: float
-    pose: Pose
-    covariance: Array
-    T_map_odom: Pose
-    accepted: bool
-    matched: bool
-    inlier_ratio: float
-    is_view: bool
-    reason: str
 
 
 class Slam:
@@ -53,25 +32,21 @@ class Slam:
     `process` does it, and the same input gives the same result.
     """
 
-    def __init__(self, config: SlamConfig | None = None, background: bool = False) -> None:
+    def __init__(self, config: SlamConfig | None = None, background: bool = False,
+                 state: State | None = None) -> None:
         self.config = config or SlamConfig()
         self.counters: Counter[str] = Counter()
         self._background = background
         self._lock = Lock()            # guards ekf, clouds, relations, scans
         self._map_lock = Lock()        # guards the mapper
-        self._ekf = DelayedStateEkf()
+        self._memory = Memory()
         self._tracker = Tracker(self.config)
         self._loops = loops.LoopClosure(self.config)
         self._mapper = Mapper(self.config.resolution)
-        self._relations: list[Relation] = []
-        self._clouds: list[Cloud] = []
-        self._centres: list[Array] = []
-        self._stamps: list[float] = []
-        self._scans: list[MapScan] = []
-        self._track: list[tuple[float, int, Array]] = []
-        self._to_close: deque[int] = deque()
         self._moved = 0.0              # [m] that loops moved the poses since the last re-solving
         self._last: Step | None = None
+        if state is not None:
+            self._resume(state)
 
     def process(self, scan: Scan, odometry: Odometry) -> Step:
         """Follow the robot through one scan; bad input is counted and changes nothing."""
@@ -93,15 +68,16 @@ class Slam:
     def work(self) -> bool:
         """Try to close one waiting view's loops; return whether there was one."""
         with self._lock:
-            if not self._to_close:
+            if not self._memory.to_close:
                 return False
-            new = self._to_close.popleft()
-            targets = loops.candidates(new, self._ekf, np.array(self._centres), self.config)
-            poses = self._ekf.poses.copy()
-        seen = closing.recent(new, poses, self._clouds) if targets else None
+            new = self._memory.to_close.popleft()
+            memory = self._memory
+            targets = loops.candidates(new, memory.ekf, np.array(memory.centres), self.config)
+            poses = memory.ekf.poses.copy()
+        seen = closing.recent(new, poses, self._memory.clouds) if targets else None
         for target in targets:
             around = closing.local_map(target.old, new - self.config.loop_minimum_gap,
-                                       poses, self._clouds)
+                                       poses, self._memory.clouds)
             found = closing.match(target, new, seen, around, self.config)
             if found is None:
                 self.counters['loops_rejected'] += 1
@@ -113,22 +89,27 @@ class Slam:
     def grid(self) -> Grid:
         """Map at the poses held now; slow after a loop, so not for the scan path."""
         with self._lock:
-            scans, poses = list(self._scans), self._ekf.poses.copy()
+            scans, poses = list(self._memory.scans), self._memory.ekf.poses.copy()
         with self._map_lock:
             return self._mapper.render(scans, poses)
 
     def views(self) -> tuple[Array, Array]:
         """Stamps (n,) and poses T_map_base (n, 3) of the views, as corrected by all loops."""
         with self._lock:
-            return np.array(self._stamps), self._ekf.poses.copy()
+            return np.array(self._memory.stamps), self._memory.ekf.poses.copy()
 
     def trajectory(self) -> tuple[Array, Array]:
         """Stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
         with self._lock:
-            if not self._track:
+            if not self._memory.track:
                 return np.zeros(0), np.zeros((0, 3))
-            stamps, views, hung = zip(*self._track, strict=True)
-            return np.array(stamps), compose(self._ekf.poses[list(views)], np.array(hung))
+            stamps, views, hung = zip(*self._memory.track, strict=True)
+            return np.array(stamps), compose(self._memory.ekf.poses[list(views)], np.array(hung))
+
+    def state(self) -> State:
+        """Give what a later run can go on from."""
+        with self._lock:
+            return State.of(self._memory, self._tracker.state())
 
     @property
     def odometry_lag(self) -> float:
@@ -158,7 +139,7 @@ class Slam:
 
     def _is_view(self, track: Track, seen: Cloud) -> bool:
         """Keep the first usable scan, then one per minimum travel."""
-        if not self._clouds:
+        if not self._memory.clouds:
             return len(seen) > 0
         x, y, theta = track.T_view_base
         share = LOST_TRAVEL if self._tracker.lost else 1.0
@@ -167,17 +148,32 @@ class Slam:
 
     def _add_view(self, stamp: float, seen: Cloud, track: Track) -> None:
         """Let the filter keep the current pose, and match against it from now on."""
-        new = self._ekf.augment(track.T_view_base, track.P)
+        new = self._memory.ekf.augment(track.T_view_base, track.P)
         if new:
-            self._relations.append(Relation(new - 1, new, track.T_view_base, track.P))
-        self._clouds.append(seen)
-        self._centres.append(loops.centre(seen))
-        self._stamps.append(stamp)
-        first = max(0, new + 1 - self.config.local_map_views)
-        poses = self._ekf.poses
+            self._memory.relations.append(Relation(new - 1, new, track.T_view_base, track.P))
+        self._memory.clouds.append(seen)
+        self._memory.centres.append(loops.centre(seen))
+        self._memory.stamps.append(stamp)
+        self._look_around()
+        self._memory.to_close.append(new)
+
+    def _look_around(self) -> None:
+        """Match against what the last views saw from now on."""
+        first = -self.config.local_map_views
+        poses, clouds = self._memory.ekf.poses, self._memory.clouds
         self._tracker.start_view(LocalMap.of_views(
-            self._clouds[first:], list(between(poses[new], poses[first:]))))
-        self._to_close.append(new)
+            clouds[first:], list(between(poses[-1], poses[first:]))))
+
+    def _resume(self, state: State) -> None:
+        """Go on where another run ended; the robot may have moved meanwhile."""
+        self._memory = state.resumed()
+        if self._memory.clouds:
+            self._look_around()
+        self._tracker.resume(state.tracker)
+        pose, covariance = self._pose()
+        T_map_odom = compose(pose, inverse(self._tracker.odometry.pose))
+        self._last = Step(self._memory.track[-1][0], Pose.from_array(pose), covariance,
+                          Pose.from_array(T_map_odom), True, False, 0.0, False, '')
 
     def _record(self, scan: Scan, seen: Cloud, odometry: Odometry, track: Track,
                 is_view: bool) -> Step:
@@ -187,11 +183,11 @@ class Slam:
             if true:
                 self.counters[name] += 1
         hung = self._tracker.T_view_base
-        if self._clouds:
-            view = self._ekf.n - 1
-            self._track.append((scan.stamp, view, hung))
+        if self._memory.clouds:
+            view = self._memory.ekf.n - 1
+            self._memory.track.append((scan.stamp, view, hung))
             if is_view or self._adds_to_map(view, hung):
-                self._scans.append(MapScan(view, hung, seen))
+                self._memory.scans.append(MapScan(view, hung, seen))
         pose, covariance = self._pose()
         T_map_odom = compose(pose, inverse(odometry.pose))
         self._last = Step(scan.stamp, Pose.from_array(pose), covariance,
@@ -201,24 +197,24 @@ class Slam:
 
     def _adds_to_map(self, view: int, hung: Array) -> bool:
         """Tell whether the robot moved enough, since the last scan kept, for a new map scan."""
-        last = self._scans[-1]
+        last = self._memory.scans[-1]
         d = hung - last.T_view_base
         return bool(view == last.view and (np.hypot(d[0], d[1]) >= self.config.map_scan_distance
                                            or abs(d[2]) >= self.config.map_scan_distance))
 
     def _pose(self) -> tuple[Array, Array]:
         """Compose last view and tracker: pose T_map_base (3,) and its covariance (3, 3)."""
-        if not self._ekf.n:
+        if not self._memory.ekf.n:
             return self._tracker.T_view_base, self._tracker.P
-        return self._ekf.ahead(self._tracker.T_view_base, self._tracker.P)
+        return self._memory.ekf.ahead(self._tracker.T_view_base, self._tracker.P)
 
     def _close(self, found: loops.Loop) -> None:
         """Let the filter take what is trusted."""
         with self._lock:
-            relations = self._loops.trusted(found, self._ekf)
+            relations = self._loops.trusted(found, self._memory.ekf)
             for relation in relations:
-                self._moved += self._ekf.update(relation)
-                self._relations.append(relation)
+                self._moved += self._memory.ekf.update(relation)
+                self._memory.relations.append(relation)
         self.counters['loops_accepted'] += len(relations)
         if not relations:
             self.counters['loops_held_back'] += 1
@@ -228,9 +224,9 @@ class Slam:
         if self._moved < self.config.relinearise_distance:
             return
         with self._lock:
-            poses, relations = self._ekf.poses.copy(), list(self._relations)
+            poses, relations = self._memory.ekf.poses.copy(), list(self._memory.relations)
         solved = smoothing.solve(poses, relations)
         with self._lock:
-            self._ekf.relinearise(solved)
+            self._memory.ekf.relinearise(solved)
             self._moved = 0.0
         self.counters['relinearisations'] += 1

@@ -20,6 +20,7 @@ from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
+from somfusion_ros.slam.resuming import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
@@ -86,13 +87,37 @@ class Tracker:
         self._config = config
         self._noise = MotionNoise()
         self._map: LocalMap | None = None
-        self._odometry: Odometry | None = None
+        self.odometry: Odometry | None = None
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
         self._velocity, self._dt = np.zeros(3), 0.0
         self._unseen = 0.0           # [s] since the last match
         self._usual = 0.0            # inlier ratio of late
         self.lost = False
+        self._resumed = False
         self.calibration = Calibration()
+
+    def state(self) -> dict[str, Array]:
+        """Give what `resume` goes on from: all but the local map, as arrays by name."""
+        odometry, c = self.odometry, self.calibration
+        return {'T_view_base': self.T_view_base, 'P': self.P, 'velocity': self._velocity,
+                'odometry': np.zeros(0) if odometry is None else np.array(
+                    [odometry.stamp, *odometry.pose, *odometry.twist]),
+                'since': np.array([self._dt, self._unseen, self._usual, self.lost]),
+                'turning': c.turning, 'P_turning': c.P_turning,
+                'travelling': c.travelling, 'P_travelling': c.P_travelling}
+
+    def resume(self, state: dict[str, Array]) -> None:
+        """Go on from what `state` gave."""
+        s, c = {name: value.copy() for name, value in state.items()}, self.calibration
+        self.T_view_base, self.P, self._velocity = s['T_view_base'], s['P'], s['velocity']
+        if len(s['odometry']):
+            stamp, odometry = s['odometry'][0], s['odometry'][1:]
+            self.odometry = Odometry(float(stamp), odometry[:3], odometry[3:])
+        self._dt, self._unseen, self._usual = (float(value) for value in s['since'][:3])
+        self.lost = bool(s['since'][3])
+        c.turning, c.P_turning = s['turning'], s['P_turning']
+        c.travelling, c.P_travelling = s['travelling'], s['P_travelling']
+        self._resumed = True
 
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
@@ -101,7 +126,12 @@ class Tracker:
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
         """Predict to the scan's odometry, then correct by matching the scan."""
-        before, previous, was_lost = self.T_view_base, self._odometry, self.lost
+        if self._resumed and len(scan) >= FEWEST:
+            self._resumed = False
+            if odometry_began_anew(scan, self._map, self.T_view_base,
+                                   between(self.odometry.pose, odometry.pose)):
+                self.odometry = odometry
+        before, previous, was_lost = self.T_view_base, self.odometry, self.lost
         reason = self._predict(odometry)
         matched, ratio = False, 0.0
         if self._map is not None and len(scan) >= FEWEST:
@@ -123,7 +153,7 @@ class Tracker:
 
     def _predict(self, odometry: Odometry) -> str:
         """Compose the odometry's increment (section II-A); return what is wrong with it."""
-        previous, self._odometry = self._odometry, odometry
+        previous, self.odometry = self.odometry, odometry
         if previous is None:
             return ''
         step = self.calibration.correct(between(previous.pose, odometry.pose))

@@ -1,0 +1,28 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What one scan did to the estimate."""
+
+from dataclasses import dataclass
+
+from somfusion_ros.geometry import Array, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """
+    What one scan did.
+
+    stamp [s], pose T_map_base and its covariance (3, 3), T_map_odom, whether the scan could be
+    used, whether it was matched and how much of it, whether it became a view, and what was
+    wrong with it ('' if nothing).
+    """
+
+    stamp: float
+    pose: Pose
+    covariance: Array
+    T_map_odom: Pose
+    accepted: bool
+    matched: bool
+    inlier_ratio: float
+    is_view: bool
+    reason: str
