@@ -145,6 +145,12 @@ class SlamNodeConfig:
     map_directory: str = parameter(
         '.', '', None, None,
         'Folder into which save_map writes map.yaml and map.pgm.')
+    state_file: str = parameter(
+        '', '', None, None,
+        'File from which a restarted node goes on with its map; empty begins a new map always.')
+    state_interval: float = parameter(
+        10.0, 's', 0.1, 3600.0,
+        'Time between two writes of state_file; longer spares the disk, shorter loses less.')
 
     def __post_init__(self) -> None:
         validate(self)
@@ -197,8 +203,11 @@ class FusionNodeConfig:
         'Map frames in one common frame, each as "name x y yaw"; used with known_init_poses.')
     peer_timeout: float = parameter(
         30.0, 's', 1.0, 3600.0,
-        'A transform that a living peer no longer repeats is forgotten after this time, and a '
-        'silent peer is reported.')
+        'A peer whose map was not heard for this time is reported as silent.')
+    robot_radius: float = parameter(
+        0.35, 'm', 0.0, 10.0,
+        "Walls within this distance of a robot's path, which its own map shows as free, are taken "
+        'for its body; the radius of the largest robot and a cell more.')
     max_map_cells: int = parameter(
         67108864, 'cells', 1, 268435456,
         'Larger maps are refused and counted; raise it for very large or very fine maps.')

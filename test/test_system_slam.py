@@ -8,6 +8,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 from typing import Any
 
 from helpers import need_ros, pose_error, ros_environment, write_fake_bag
@@ -22,7 +23,8 @@ need_ros()
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped  # noqa: E402
-from live_robot import BEAMS, OTHER_ROUND, RADIUS, Robot, ROUND, SEPARATION  # noqa: E402
+from live_robot import (BEAMS, GIVEN_MOUNT, OTHER_ROUND, RADIUS, Robot, ROUND,  # noqa: E402
+                        SEPARATION)
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path as PathMessage  # noqa: E402
 from nav_msgs.srv import GetMap  # noqa: E402
 from ros_graph import Graph, ros_graph  # noqa: E402
@@ -133,6 +135,46 @@ def test_time_set_back_does_not_stop_a_robot(graph: Graph) -> None:
     graph.until(lambda: robot.last_stamp() >= robot.stamps[79] - 0.11, 'the last scan')
     robot.assert_on_course()
     graph.assert_clean(graph.processes.stop())
+
+
+def test_a_robot_that_is_killed_goes_on_with_its_map(graph: Graph, tmp_path: Path) -> None:
+    kept = ('-p', f'state_file:={tmp_path}/state/robot1.npz', '-p', 'state_interval:=0.1')
+    robot = Robot(graph, 'robot1', ROUND)
+    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
+    robot.start(*kept)
+    robot.drive(120)
+    graph.until(lambda: (tmp_path / 'state' / 'robot1.npz').exists(), 'a state')
+    before = graph.until(lambda: robot.maps and robot.maps[-1].header.stamp
+                         == robot.poses[-1].header.stamp and robot.maps[-1], 'the last map')
+    killed = time.monotonic()
+    graph.until(lambda: time.monotonic() > killed + 0.5, 'half a second')   # to save the last scan
+    graph.processes.kill('slam robot1')
+
+    del robot.maps[:]
+    robot.launch(*GIVEN_MOUNT, *kept)
+    graph.until(lambda: robot.maps, 'the map before any scan')
+    again = grid(robot.maps[-1])
+    assert missing_walls(grid(before), again) < 0.02
+    assert missing_walls(again, grid(before)) < 0.02
+    robot.drive(180)
+    robot.assert_on_course()
+    assert int(values_of(diagnostics)['views']) > 15   # counted from the start of the drive on
+    assert missing_walls(grid(robot.maps[-1]), robot.true_map()) < 0.1
+    graph.assert_clean(graph.processes.stop())
+
+
+def test_a_damaged_state_is_put_aside_and_said(graph: Graph, tmp_path: Path) -> None:
+    path = tmp_path / 'state.npz'
+    path.write_bytes(b'this is no state')
+    robot = Robot(graph, 'robot1', ROUND)
+    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
+    robot.start('-p', f'state_file:={path}')
+    robot.drive(30)
+    robot.assert_on_course()
+    graph.until(lambda: 'state_unusable' in values_of(diagnostics), 'the named fault')
+    assert (tmp_path / 'state.npz.bad').read_bytes() == b'this is no state'
+    graph.assert_clean(graph.processes.stop())
+    assert path.exists()   # written anew at the end
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)

@@ -18,6 +18,7 @@ import numpy as np
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import Array, between
 from somfusion_ros.ros.scan_queue import ScanQueue, StampGuard
+from somfusion_ros.slam.memory import State
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.slam import Slam, Step
@@ -30,15 +31,19 @@ STEP_ACROSS_JUMP = 0.1     # [s] that is taken to pass between two scans across 
 class Session:
     """SLAM, the odometry it needs, and the scans that wait for it."""
 
-    def __init__(self, config: SlamConfig, timeout: float, count: Callable[..., None]) -> None:
+    def __init__(self, config: SlamConfig, timeout: float, count: Callable[..., None],
+                 state: State | None = None) -> None:
         self._config, self._timeout, self._count = config, timeout, count
         self._lock = RLock()
         self.reset()
+        if state is not None:
+            self._resume(state)
 
     def reset(self) -> None:
         """Begin a new map."""
         with self._lock:
             self.slam = Slam(self._config, background=True)
+            self._resumed = False
             self._buffer = OdometryBuffer(self._count)
             self._queue = ScanQueue(self._buffer, self._timeout, self._count)
             self._odometry_guard, self._scan_guard = StampGuard(), StampGuard()
@@ -69,8 +74,9 @@ class Session:
                 if found is None:
                     return
                 (scan, tag), odometry = found
-                if self._jumped:
+                if self._jumped or (self._resumed and scan.stamp <= self._last_stamp):
                     self._rejoin(scan.stamp, odometry)
+                self._resumed = False
                 slam, stamp = self.slam, scan.stamp + self._shift
                 self._last_pose = odometry.pose
                 self._last_stamp = max(self._last_stamp, stamp)
@@ -78,6 +84,13 @@ class Session:
             if step.reason:
                 self._count(step.reason, 'a scan was not used as it should')
             yield tag, step
+
+    def _resume(self, state: State) -> None:
+        """Go on from the state of an earlier run."""
+        self.slam = Slam(self._config, background=True, state=state)
+        self._last_stamp, odometry = self.slam.last_stamp, state.tracker['odometry']
+        self._last_pose = odometry[1:4]
+        self._resumed = True
 
     def _add_odometry(self, stamp: float, pose: Array, wheels: Array | None) -> None:
         """Keep odometry unless its stamp is stray."""

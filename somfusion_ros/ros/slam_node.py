@@ -28,6 +28,7 @@ from somfusion_ros.ros.runtime import run
 from somfusion_ros.ros.session import Session
 from somfusion_ros.ros.slam_publisher import SlamPublisher
 from somfusion_ros.ros.slam_status import Last, silence, slam_status
+from somfusion_ros.ros.state_keeper import StateKeeper
 from somfusion_ros.ros.tf import Mounts
 from somfusion_ros.ros.worker import Worker
 from somfusion_ros.slam.motion import WheelOdometry
@@ -47,15 +48,20 @@ class SlamNode(Node):
         super().__init__('slam_node')
         self._config = parameters.declare(self, SlamNodeConfig)
         self._count = Faults(self.get_logger())
+        self._keeper = StateKeeper(self._config.state_file, self._config.state_interval,
+                                   self._count, self.get_logger().info)
+        state = self._keeper.load()
         self._session = Session(parameters.declare(self, SlamConfig),
-                                self._config.transform_timeout, self._count)
+                                self._config.transform_timeout, self._count, state)
         self._wheels = WheelOdometry(self._config.wheel_radius, self._config.wheel_separation)
         self._publisher = SlamPublisher(self, self._config)
         self._mounts = Mounts(self, Pose.from_array(self._config.laser_pose))
         self._ticks = 0
         self._last = Last(reported=(0, time.monotonic()))
         self._map: OccupancyGrid | None = None
-        self._map_due, self._drawn = 0.0, None
+        self._map_due, self._drawn = 0.0, state
+        if state is not None:
+            self._last.stamp = convert.time_message(self._session.slam.last_stamp)
         self._tracker = Worker(self._process, self._on_worker_error, TICK)
         self._worker = Worker(self._work, self._on_worker_error)
         self._make_interfaces()
@@ -64,8 +70,11 @@ class SlamNode(Node):
 
     def close(self, timeout: float) -> bool:
         """Stop both threads; tell whether they ended in time."""
-        tracked = self._tracker.close(timeout)
-        return self._worker.close(timeout) and tracked
+        ended = self._tracker.close(timeout)
+        ended = self._worker.close(timeout) and ended
+        if ended:
+            self._keeper.keep(self._session.slam, self._last.step, float('inf'))
+        return ended
 
     def _make_interfaces(self) -> None:
         """Make every topic, service and timer; all names are relative."""
@@ -174,6 +183,7 @@ class SlamNode(Node):
             self._drawn = self._last.step
             self._publish_map()
             self._map_due = time.monotonic() + self._config.map_update_interval
+        self._keeper.keep(self._session.slam, self._last.step, time.monotonic())
         return more
 
     def _publish_map(self) -> Grid:
@@ -224,6 +234,7 @@ class SlamNode(Node):
     def _reset(self, request: Any, response: Trigger.Response) -> Trigger.Response:
         """Begin a new map."""
         self._session.reset()
+        self._keeper.forget()
         self._last.step = None
         response.success, response.message = True, 'a new map begins'
         return response

@@ -112,6 +112,11 @@ class Slam:
             return State.of(self._memory, self._tracker.state())
 
     @property
+    def last_stamp(self) -> float:
+        """Stamp [s] of the last scan used; -inf before the first."""
+        return self._last.stamp if self._last else -np.inf
+
+    @property
     def odometry_lag(self) -> float:
         """Time [s] to add to a scan's stamp to find the odometry that belongs to it."""
         return self._tracker.calibration.lag
@@ -167,6 +172,7 @@ class Slam:
     def _resume(self, state: State) -> None:
         """Go on where another run ended; the robot may have moved meanwhile."""
         self._memory = state.resumed()
+        self.counters['views'] = len(self._memory.clouds)
         if self._memory.clouds:
             self._look_around()
         self._tracker.resume(state.tracker)

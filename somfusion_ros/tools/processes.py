@@ -90,6 +90,12 @@ class Processes:
                 del self._running[name]
         return dict(self.statuses)
 
+    def kill(self, name: str) -> None:
+        """End one process at once, as a power cut would; its status is not kept."""
+        process = self._running.pop(name)
+        process.kill()
+        process.wait()
+
     def stop(self, names: Sequence[str] | None = None) -> dict[str, int]:
         """End some or all processes: SIGINT, then SIGTERM, then SIGKILL; return statuses."""
         chosen = [n for n in (list(self._running) if names is None else names)
