@@ -9,8 +9,7 @@ from helpers import (fake_odometry, fake_room, fake_scan, fake_trajectory, pose_
 import numpy as np
 import pytest
 from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import between, compose, inverse, Pose
-from somfusion_ros.ros.peers import find_peers, from_sighting, Heard, MAP_TYPE, robot_of
+from somfusion_ros.geometry import between, compose, Pose
 from somfusion_ros.ros.scan_queue import (JUMP_CONFIRMED, MAX_WAITING, ScanQueue, StampGuard)
 from somfusion_ros.ros.session import Session
 from somfusion_ros.ros.worker import Worker
@@ -202,43 +201,6 @@ def test_bad_scans_between_good_ones_are_counted() -> None:
     drive.feed(10, 40)
     assert sum(drive.counts.values()) >= 5
     assert drive.error() < 0.1
-
-
-TOPICS = [('/robot1/map', [MAP_TYPE]), ('/robot2/map', [MAP_TYPE]),
-          ('/robot2/global_map', [MAP_TYPE]), ('/robot3/local_costmap/costmap', [MAP_TYPE]),
-          ('/robot4/map', ['std_msgs/msg/String']), ('/fleet/robot5/map', [MAP_TYPE]),
-          ('/robot6/map_updates', [MAP_TYPE]), ('/robot7/my_map', [MAP_TYPE]),
-          ('/map', [MAP_TYPE])]
-
-
-def test_peers_are_found_by_exact_last_name_and_type() -> None:
-    assert find_peers(TOPICS, 'map', '/robot1/map', ['']) == ['fleet/robot5', 'robot2']
-    assert find_peers(TOPICS, 'map', '/map', []) == ['fleet/robot5', 'robot1', 'robot2']
-
-
-def test_only_wanted_peers_are_heard() -> None:
-    assert find_peers(TOPICS, 'map', '/robot1/map', ['/robot2', 'robot9']) == ['robot2']
-
-
-def test_the_robot_of_a_map_frame() -> None:
-    assert [robot_of(f) for f in ('robot2/map', '/robot2/map', 'fleet/r5/map', 'map')] == [
-        'robot2', 'robot2', 'fleet/r5', '']
-
-
-def test_a_sighting_ties_two_map_frames() -> None:
-    T_a_b = Pose(4.0, -1.0, 0.8)                       # truth: map of b in map of a
-    T_a_base, T_b_base = Pose(1.0, 2.0, 0.3), Pose(-2.0, 0.5, -1.0)
-    seen = between(T_a_base, compose(T_a_b, T_b_base))   # what the robot a sees of b
-    assert np.allclose(from_sighting(T_a_base, Pose.from_array(seen), T_b_base), T_a_b)
-    assert np.allclose(from_sighting(Pose(), Pose(), T_b_base), inverse(T_b_base))
-
-
-def test_a_pose_counts_only_near_its_stamp() -> None:
-    heard = Heard()
-    assert heard.pose_at(1.0) is None
-    heard.poses.extend([(1.0, Pose(1, 0, 0)), (2.0, Pose(2, 0, 0))])
-    assert heard.pose_at(1.7) == Pose(2, 0, 0)
-    assert heard.pose_at(5.0) is None
 
 
 def test_a_worker_does_jobs_in_order_and_survives_a_failing_one() -> None:

@@ -8,6 +8,8 @@ import pytest
 from somfusion_ros.fusion.alignment import Alignment, RunnerUp
 from somfusion_ros.fusion.members import begun_anew, Team
 from somfusion_ros.fusion.pair import change, Pair, REFUSALS, same_pose, SOON, TIME_SHARE
+from somfusion_ros.fusion.shared_map import SharedMap
+from somfusion_ros.fusion.team import Edge
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
 
@@ -25,7 +27,7 @@ def copy_of(grid: Grid) -> Grid:
 def verdict(pose: Pose | None, probability: float = 0.97, rival: float = 0.1) -> Alignment:
     """Make an alignment that is accepted at 0.95, with a rival somewhere else."""
     return Alignment(probability >= 0.95, probability, f'probability {probability}', pose,
-                     runner_up=RunnerUp(Pose(), rival))
+                     np.diag([0.01, 0.01, 1e-4]), runner_up=RunnerUp(Pose(), rival))
 
 
 def told(pair: Pair, *verdicts: Alignment) -> list[str]:
@@ -133,39 +135,49 @@ def test_nearly_accepted_at_the_same_pose_is_no_doubt() -> None:
     assert set(told(pair, verdict(THERE), *[verdict(NEARLY_THERE, 0.9)] * 10)[1:]) == {'kept'}
 
 
+def shared(grid: Grid) -> SharedMap:
+    """Make a robot's map that came in a message of its own."""
+    return SharedMap(copy_of(grid))
+
+
+def said(owner: str, peer: str, T_owner_peer: Pose, kind: str = 'match') -> Edge:
+    """Make an edge as it comes over the wire."""
+    return Edge(owner, peer, T_owner_peer, np.diag([0.01, 0.01, 1e-4]), 0.9, kind)
+
+
 def full_team(name: str = 'b') -> Team:
     """Make a team of a, b and c in which every map is known."""
     team = Team(name)
     for robot in 'abc':
-        team.update_map(robot, copy_of(ROOM))
+        team.update_map(robot, shared(ROOM))
     return team
 
 
 def test_nothing_can_be_matched_before_the_own_map_came() -> None:
     team = Team('b')
-    team.update_map('a', ROOM)
+    team.update_map('a', shared(ROOM))
     assert team.peers() == []
     assert team.solution().groups == ({'a': Pose()}, {'b': Pose()})
 
 
 def test_maps_are_compared_for_change() -> None:
     team = full_team()
-    assert not team.update_map('a', copy_of(ROOM))
-    assert team.update_map('a', HALF)
-    assert team.update_map('a', ROOM)
+    assert not team.update_map('a', shared(ROOM))
+    assert team.update_map('a', shared(HALF))
+    assert team.update_map('a', shared(ROOM))
 
 
 def test_the_first_name_is_the_target_on_every_robot() -> None:
     team = Team('b')
-    team.update_map('a', HALF)
-    team.update_map('b', ROOM)
-    assert team.maps('a') == (HALF, ROOM)
+    team.update_map('a', shared(HALF))
+    team.update_map('b', shared(ROOM))
+    assert team.grids_of('a') == (team.maps['a'].grid, team.maps['b'].grid)
 
 
 def test_accepted_transforms_are_told_from_the_own_map() -> None:
     team = full_team()
-    team.record('a', verdict(THERE), *team.maps('a'), 0.0)       # T_a_b
-    team.record('c', verdict(ELSEWHERE), *team.maps('c'), 0.0)   # T_b_c
+    team.record('a', verdict(THERE), *team.grids_of('a'), 0.0)       # T_a_b
+    team.record('c', verdict(ELSEWHERE), *team.grids_of('c'), 0.0)   # T_b_c
     own = team.own_transforms()
     assert np.allclose(own['a'], inverse(THERE))
     assert own['c'] == ELSEWHERE
@@ -174,11 +186,10 @@ def test_accepted_transforms_are_told_from_the_own_map() -> None:
 
 def test_a_reaches_c_through_b_and_all_agree_on_the_world() -> None:
     first, middle, last = (full_team(name) for name in 'abc')
-    middle.record('a', verdict(THERE), *middle.maps('a'), 0.0)
-    middle.record('c', verdict(ELSEWHERE), *middle.maps('c'), 0.0)
+    middle.record('a', verdict(THERE), *middle.grids_of('a'), 0.0)
+    middle.record('c', verdict(ELSEWHERE), *middle.grids_of('c'), 0.0)
     for team in (first, last):
-        for peer, pose in middle.own_transforms().items():
-            team.receive('b', peer, pose, 0.0)
+        team.hear('b', middle.own_edges())
     truth = {'a': Pose(), 'b': THERE, 'c': compose(THERE, ELSEWHERE)}
     for team in (first, middle, last):
         (group,) = team.solution().groups
@@ -189,55 +200,59 @@ def test_a_reaches_c_through_b_and_all_agree_on_the_world() -> None:
 
 def test_a_robot_is_reached_whose_map_never_came() -> None:
     team = Team('a')
-    team.update_map('a', ROOM)
-    team.receive('b', 'a', Pose.from_array(inverse(THERE)), 0.0)
-    team.receive('b', 'c', ELSEWHERE, 0.0)
+    team.update_map('a', shared(ROOM))
+    team.hear('b', [said('a', 'b', THERE), said('b', 'c', ELSEWHERE)])
     assert set(team.solution().group_of('a')) == {'a', 'b', 'c'}
 
 
-def test_what_a_living_peer_no_longer_repeats_is_forgotten() -> None:
+def test_what_a_peer_no_longer_says_is_forgotten() -> None:
     team = full_team('a')
-    team.receive('b', 'c', THERE, 0.0)
-    team.expire(set(), 1e6, 30.0)   # b is gone: what it said remains
+    team.hear('b', [said('b', 'c', THERE)])
     assert len(team.solution().groups[0]) == 2
-    team.expire({'b'}, 29.0, 30.0)
+    team.hear('c', [])   # what others say is not touched
     assert len(team.solution().groups[0]) == 2
-    team.expire({'b'}, 31.0, 30.0)
+    team.hear('b', [])
     assert len(team.solution().groups) == 3
 
 
-def test_nonsense_from_peers_changes_nothing() -> None:
+def test_nobody_speaks_for_others() -> None:
     team = full_team('a')
-    team.receive('b', 'b', THERE, 0.0)
-    team.receive('a', 'b', THERE, 0.0)
-    team.sight('a', THERE)
+    team.hear('b', [said('a', 'c', THERE)])
+    team.hear('a', [said('a', 'b', THERE)])
+    team.sight(said('a', 'a', THERE, 'sighting'))
+    team.sight(said('b', 'c', THERE, 'sighting'))
     assert len(team.solution().groups) == 3
+
+
+def corner_room() -> Grid:
+    """Draw a small room somewhere else."""
+    return fake_grid(fake_room(3.0, 2.5), T_map_walls=Pose(20.0, 0.0, 1.0))
 
 
 def test_a_robot_that_begins_a_new_map_loses_its_old_place() -> None:
     team = full_team('a')
-    team.record('b', verdict(THERE), *team.maps('b'), 0.0)
-    team.receive('c', 'b', ELSEWHERE, 0.0)
-    corner = fake_grid(fake_room(3.0, 2.5), T_map_walls=Pose(20.0, 0.0, 1.0))
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    team.hear('c', [said('c', 'b', ELSEWHERE)])
+    corner = corner_room()
     assert begun_anew(ROOM, corner)
     assert not begun_anew(HALF, ROOM)
     assert not begun_anew(ROOM, HALF)
-    team.update_map('b', corner)
+    team.update_map('b', shared(corner))
     assert len(team.solution().groups) == 3
     assert team.is_due('b', 0.0)
 
 
 def test_the_own_new_map_loses_every_place() -> None:
     team = full_team('a')
-    team.record('b', verdict(THERE), *team.maps('b'), 0.0)
-    team.record('c', verdict(THERE), *team.maps('c'), 0.0)
-    team.update_map('a', fake_grid(fake_room(3.0, 2.5), T_map_walls=Pose(20.0, 0.0, 1.0)))
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    team.record('c', verdict(THERE), *team.grids_of('c'), 0.0)
+    team.update_map('a', shared(corner_room()))
     assert len(team.solution().groups) == 3
 
 
 def test_sightings_join_maps() -> None:
     team = full_team('a')
-    team.sight('c', THERE)
+    team.sight(said('a', 'c', THERE, 'sighting'))
     assert team.solution().group_of('a')['c'] == pytest.approx(THERE)
     assert team.own_transforms() == {'c': THERE}
 
@@ -245,7 +260,7 @@ def test_sightings_join_maps() -> None:
 def test_known_poses_need_no_match() -> None:
     team = Team('b', known_poses={'a': Pose(1, 0, 0), 'b': Pose(1, 2, np.pi / 2), 'z': Pose()})
     for robot in 'ab':
-        team.update_map(robot, ROOM)
+        team.update_map(robot, shared(ROOM))
     assert team.peers() == []
     (group,) = team.solution().groups
     assert np.allclose(group['b'], (0, 2, np.pi / 2))
@@ -253,8 +268,60 @@ def test_known_poses_need_no_match() -> None:
 
 def test_reset_forgets_verdicts_and_keeps_maps() -> None:
     team = full_team('a')
-    team.record('b', verdict(THERE), *team.maps('b'), 0.0)
-    team.receive('b', 'c', THERE, 0.0)
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    team.hear('b', [said('b', 'c', THERE)])
     team.reset()
     assert len(team.solution().groups) == 3
     assert team.peers() == ['b', 'c']
+
+
+def test_verdicts_of_both_robots_of_a_pair_count_once() -> None:
+    one, both = full_team('a'), full_team('a')
+    for team in (one, both):
+        team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    both.hear('b', [said('a', 'b', THERE)])
+    assert np.allclose(one.solution().covariances['b'], both.solution().covariances['b'],
+                       rtol=0.3)
+
+
+def test_sightings_beside_a_match_are_weighed_with_it() -> None:
+    team = full_team('a')
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    alone = np.trace(team.solution().covariances['b'])
+    for _ in range(20):
+        team.sight(said('a', 'b', NEARLY_THERE, 'sighting'))
+    solution = team.solution()
+    assert np.trace(solution.covariances['b']) < alone
+    assert pose_error(solution.group_of('a')['b'], THERE)[0] < 0.05
+    assert team.own_transforms()['b'] == THERE   # a match is told before a sighting
+    assert len(team.own_edges()) < 8             # sightings are not piled up
+
+
+def test_a_wrong_sighting_is_dropped_by_name() -> None:
+    team = full_team('a')
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    team.sight(said('a', 'b', ELSEWHERE, 'sighting'))
+    (dropped,) = team.solution().dropped
+    assert 'a - b (sighting) contradicts' in dropped.reason
+    assert pose_error(team.solution().group_of('a')['b'], THERE)[0] < 0.01
+
+
+def test_a_map_of_another_building_is_not_shown_in_a_peers_place() -> None:
+    team = full_team('a')
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    before = team.shown['b']
+    other = fake_grid(fake_room(12.0, 9.0), T_map_walls=Pose(5.0, 9.0, 0.4))
+    assert team.update_map('b', shared(other))
+    assert team.shown['b'] is before
+    team.record('b', verdict(ELSEWHERE, 0.1), *team.grids_of('b'), 1.0)   # refused, once
+    assert team.shown['b'] is before
+    team.update_map('b', shared(ROOM))
+    assert team.shown['b'] is team.maps['b']
+
+
+def test_a_map_that_begins_anew_again_and_again_is_counted() -> None:
+    team = full_team('a')
+    for _ in range(3):
+        team.update_map('b', shared(corner_room()))
+        team.update_map('b', shared(ROOM))
+    assert team.begun_anew['b'] == 3

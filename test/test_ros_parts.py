@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.fusion.shared_map import SharedMap  # noqa: E402
 from somfusion_ros.ros.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.fusion_drawing import (cluster_rows, fusion_statuses,  # noqa: E402
                                               team_markers)
@@ -75,7 +76,7 @@ def test_numbers_are_written_for_readers() -> None:
 
 def test_clusters_and_markers_show_what_was_learned() -> None:
     learned = learn(fake_grid(fake_room()), FusionConfig())
-    rows = cluster_rows(learned)
+    rows = cluster_rows(learned.clusters)
     assert rows.shape == (len(learned.clusters), 7)
     assert len(rows) > 20
     array = team_markers(learned, 'map', Time())
@@ -94,7 +95,7 @@ def session(said: list[str]) -> FusionSession:
 def test_nobody_is_connected_before_a_verdict() -> None:
     work = session([])
     assert work.attempt(0.0) is None
-    work.take_map('robot1', fake_grid(fake_room()))
+    work.take_map('robot1', SharedMap(fake_grid(fake_room())))
     assert work.attempt(0.0) is None
     work.refresh()
     assert work.draw() is None
@@ -104,8 +105,8 @@ def test_nobody_is_connected_before_a_verdict() -> None:
 def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
     said: list[str] = []
     work, walls = session(said), fake_room(14.0, 11.0)
-    work.take_map('robot1', fake_grid(walls))
-    work.take_map('robot2', fake_grid(walls, T_map_walls=Pose(2.0, -1.0, 0.7)))
+    work.take_map('robot1', SharedMap(fake_grid(walls)))
+    work.take_map('robot2', SharedMap(fake_grid(walls, T_map_walls=Pose(2.0, -1.0, 0.7))))
     assert work.attempt(0.0) == 'robot2'
     assert work.attempt(0.5) is None   # not before its time
     assert work.attempt(10.0) is None   # nor without a change
@@ -114,7 +115,7 @@ def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
     assert 'accepted' in said[-1]
     assert work.draw() is not None
     assert work.draw() is None
-    heard = {name: Heard(map_at=0.0, maps=1) for name in ('robot1', 'robot2')}
+    heard = {name: Heard(0.0, 0.0, 1) for name in ('robot1', 'robot2')}
     own, peer = fusion_statuses('node', 'robot1', snapshot, heard, {'fault': 2}, 1.0, 30.0)
     assert own.level == peer.level == DiagnosticStatus.OK
     values = {v.key: v.value for v in peer.values}
@@ -128,10 +129,10 @@ def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
 
 
 @pytest.mark.parametrize(('heard', 'words'), [
-    (Heard(), 'has not sent a map'), (Heard(map_at=0.0, maps=1), 'silent for 100 s'),
-    (Heard(map_at=99.0, maps=1), 'not matched yet')])
+    (Heard(99.0), 'has not sent a map'), (Heard(0.0, 0.0, 1), 'silent for 100 s'),
+    (Heard(99.0, 99.0, 1), 'not matched yet')])
 def test_a_silent_peer_is_named(heard: Heard, words: str) -> None:
-    own = Heard(map_at=99.0, maps=1)
+    own = Heard(99.0, 99.0, 1)
     peer = fusion_statuses('node', 'robot1', session([]).snapshot,
                            {'robot1': own, 'robot2': heard}, {}, 100.0, 30.0)[1]
     assert peer.level == DiagnosticStatus.WARN

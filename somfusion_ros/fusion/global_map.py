@@ -4,7 +4,8 @@
 One map of the world out of every robot's map.
 
 Evidence is summed, never maximised: what one robot saw free and another occupied cancels. The
-world's origin always lies on a cell corner, so a map that grows moves by whole cells only.
+world's origin always lies on a cell corner, so a map that grows moves by whole cells only. Where a
+robot has driven there is no wall: what others saw there was the robot.
 """
 
 from collections.abc import Mapping
@@ -14,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from somfusion_ros.geometry import apply, Array, compose, Pose
-from somfusion_ros.grid import Grid, MAX_CELLS, OCCUPIED_BELOW
+from somfusion_ros.grid import FREE_ABOVE, Grid, MAX_CELLS, OCCUPIED_BELOW
 
 MAX_SIDE = 32766     # OpenCV holds image coordinates in 16 bits
 ALIGNED = 1e-6       # cells; corners nearer than this to a cell line lie on it
 
 
 def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
-                resolution: float | None = None) -> Grid:
+                resolution: float | None = None, driven: Mapping[str, Array] | None = None,
+                robot_radius: float = 0.0) -> Grid:
     """
     Sum the evidence of several maps in the world frame.
 
@@ -30,23 +32,40 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
     grids : map by robot, any size, origin (yaw too) and resolution
     poses : T_world_map by robot; only robots in both mappings are drawn
     resolution : edge of a world cell [m], default the finest of the maps
+    driven : points (N, 2) [m] of a robot's map frame in which its centre has been, by robot
+    robot_radius : within this distance of them [m], what a robot's own map calls free is free
     """
     names = sorted(set(grids) & set(poses))
     if not names:
         raise ValueError('no robot has both a map and a pose in the world')
     if resolution is None:
         resolution = min(grids[name].resolution for name in names)
-    pieces = [(_known_part(grids[name]), poses[name]) for name in names]
-    boxes = [_bounds(part, pose, resolution) for part, pose in pieces if part is not None]
+    parts = {name: part for name in names if (part := _known_part(grids[name])) is not None}
+    boxes = [_bounds(part, poses[name], resolution) for name, part in parts.items()]
     if not boxes:
         return Grid(np.zeros((1, 1), np.float32), resolution)
     low, high = np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)
     _check_size(high - low)
     total = np.zeros((high - low)[::-1], np.float32)
-    for (part, pose), (first, last) in zip([p for p in pieces if p[0] is not None], boxes):
+    free = np.zeros(total.shape, bool)
+    for (name, part), (first, last) in zip(parts.items(), boxes):
         window = tuple(slice(a, b) for a, b in zip((first - low)[::-1], (last - low)[::-1]))
-        total[window] += _resample(part, pose, resolution, first, last)
+        evidence = _resample(part, poses[name], resolution, first, last)
+        total[window] += evidence
+        if driven is not None and len(driven.get(name, ())):
+            been = apply(poses[name], driven[name]) / resolution - first
+            free[window] |= _discs(been, robot_radius / resolution, evidence.shape) & (
+                evidence > FREE_ABOVE)
+    total[free] = np.maximum(total[free], 1.0)
     return Grid(np.clip(total, -1.0, 1.0), resolution, Pose(*(low * resolution), 0.0))
+
+
+def _discs(points: Array, radius: float, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mask of the cells within a radius of points (N, 2) as (column, row), all in cells."""
+    mask = np.zeros(shape, np.uint8)
+    for column, row in np.unique(np.floor(points).astype(int), axis=0).tolist():
+        cv2.circle(mask, (column, row), int(np.ceil(radius)), 1, cv2.FILLED)
+    return mask.astype(bool)
 
 
 def _known_part(grid: Grid) -> Grid | None:

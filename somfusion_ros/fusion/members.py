@@ -4,24 +4,28 @@
 The team as one robot knows it, live: maps that arrive, verdicts of its own and of its peers.
 
 Every robot keeps one of these. It sees to it that a pair is matched only when a map changed
-enough, that robots are reached through others, and that all who know the same verdicts place
-the maps alike: the graph holds exactly what goes over the wire, also for the robot's own.
+enough, that robots are reached through others, and that all who know the same edges place the
+maps alike: the graph holds exactly what goes over the wire, also for the robot's own.
 Time is given in, as seconds of any steady clock.
 """
 
-from collections.abc import Collection, Mapping
+from collections import Counter, deque
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 
 from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.fusion.pair import missing_walls, Pair
+from somfusion_ros.fusion.shared_map import SharedMap
 from somfusion_ros.fusion.team import Edge, Solution, solve
 from somfusion_ros.geometry import between, inverse, Pose
 from somfusion_ros.grid import Grid
 
 NEW_FRAME = 0.7        # a map that lost this share of its walls and
 SHRUNK = 0.5           # of its known area was begun anew
-WIRE_COVARIANCE = np.zeros((3, 3))   # a TransformStamped tells none; the drift of maps remains
+UNLIKE = 0.5           # share of walls gone from which a map is shown only once it is matched
+SIGHTINGS = 5          # newest sightings of a peer that are kept
+KNOWN_COVARIANCE = np.zeros((3, 3))   # of poses that the user gave; the drift of maps remains
 
 
 class Team:
@@ -31,92 +35,111 @@ class Team:
                  known_poses: Mapping[str, Pose] | None = None) -> None:
         self.name = name
         self.minimum_change = minimum_change
-        self.grids: dict[str, Grid] = {}
+        self.maps: dict[str, SharedMap] = {}
+        self.shown: dict[str, SharedMap] = {}
         self.pairs: dict[str, Pair] = {}
+        self.begun_anew: Counter[str] = Counter()
         self._known = dict(known_poses or {})
-        self._heard: dict[tuple[str, str], tuple[Pose, float]] = {}
-        self._sighted: dict[str, Pose] = {}
+        self._heard: dict[str, tuple[Edge, ...]] = {}
+        self._sighted: dict[str, deque[Edge]] = {}
         self._solved = Solution((), {})
-        self._solved_for: tuple[set[str], dict[tuple[str, str], Pose]] | None = None
+        self._solved_for: tuple | None = None
 
-    def update_map(self, robot: str, grid: Grid) -> bool:
+    def update_map(self, robot: str, new: SharedMap) -> bool:
         """
         Take a robot's newest map; tell whether it differs from the last.
 
         Maps are compared for change, not for newer stamps. A map begun anew has a new frame:
-        what was known about the robot's old one is forgotten.
+        what was known about the robot's old one is forgotten. A peer's map that hardly resembles
+        the one that its accepted pose was found with is not shown before it is matched.
         """
-        old = self.grids.get(robot)
-        if old is not None and _identical(old, grid):
+        old = self.maps.get(robot)
+        if old is not None and old.same_as(new):
             return False
-        self.grids[robot] = grid
-        if old is not None and begun_anew(old, grid):
+        self.maps[robot] = new
+        if old is not None and begun_anew(old.grid, new.grid):
+            self.begun_anew[robot] += 1
             self.forget(robot)
+        pair = self.pairs.get(robot)
+        if (pair is None or pair.held is None or robot not in self.shown
+                or missing_walls(self.shown[robot].grid, new.grid) <= UNLIKE):
+            self.shown[robot] = new
         return True
 
     def forget(self, robot: str) -> None:
         """Forget every relation to a robot's map frame."""
         for peer in [robot] if robot != self.name else list(self.pairs):
             self.pairs.pop(peer, None)
+        for peer in [robot] if robot != self.name else list(self._sighted):
             self._sighted.pop(peer, None)
-        self._heard = {key: value for key, value in self._heard.items() if robot not in key}
+        self._heard = {owner: tuple(edge for edge in edges if robot not in edge.robots)
+                       for owner, edges in self._heard.items()}
 
     def peers(self) -> list[str]:
         """Robots whose map can be matched with the robot's own, the least tried first."""
-        if self.name not in self.grids or self._known:
+        if self.name not in self.maps or self._known:
             return []
-        return sorted(set(self.grids) - {self.name},
+        return sorted(set(self.maps) - {self.name},
                       key=lambda peer: (self._pair(peer).attempts, peer))
 
     def is_due(self, peer: str, now: float) -> bool:
         """Tell whether the map of a peer, or the robot's own, changed enough for a new match."""
-        return self._pair(peer).due(*self.maps(peer), now, self.minimum_change)
+        return self._pair(peer).due(*self.grids_of(peer), now, self.minimum_change)
 
-    def maps(self, peer: str) -> tuple[Grid, Grid]:
+    def grids_of(self, peer: str) -> tuple[Grid, Grid]:
         """Target and source of a pair: the map of the first name is the target, on every robot."""
         first, second = sorted((self.name, peer))
-        return self.grids[first], self.grids[second]
+        return self.maps[first].grid, self.maps[second].grid
 
     def record(self, peer: str, alignment: Alignment, target: Grid, source: Grid,
                now: float) -> str:
         """Take in the verdict on the pair with a peer; tell in one word what became of it."""
-        return self._pair(peer).record(alignment, target, source, now)
+        pair = self._pair(peer)
+        word = pair.record(alignment, target, source, now)
+        if not pair.doubted and self.maps[peer].grid in (target, source):
+            self.shown[peer] = self.maps[peer]
+        return word
 
-    def receive(self, owner: str, peer: str, T_owner_peer: Pose, now: float) -> None:
-        """Take in what a peer accepted about its own and another robot's map."""
-        if owner not in (peer, self.name):
-            self._heard[owner, peer] = (T_owner_peer, now)
+    def hear(self, owner: str, edges: Iterable[Edge]) -> None:
+        """Take in all that a peer accepts now about its own map; what it no longer says goes."""
+        if owner != self.name:
+            self._heard[owner] = tuple(edge for edge in edges if owner in edge.robots)
 
-    def sight(self, peer: str, T_own_peer: Pose) -> None:
-        """Take in a sighting of a peer, as the pose of its map frame in the robot's own."""
-        if peer != self.name:
-            self._sighted[peer] = T_own_peer
+    def heard_of(self, owner: str) -> tuple[Edge, ...]:
+        """Give what a peer said last."""
+        return self._heard.get(owner, ())
 
-    def expire(self, alive: Collection[str], now: float, timeout: float) -> None:
-        """Forget what living peers no longer repeat; what the silent ones said remains."""
-        self._heard = {key: (pose, heard) for key, (pose, heard) in self._heard.items()
-                       if key[0] not in alive or now - heard <= timeout}
+    def sight(self, edge: Edge) -> None:
+        """Take in a sighting of a peer, as an edge from the robot's own map."""
+        if edge.target == self.name != edge.source:
+            self._sighted.setdefault(edge.source, deque(maxlen=SIGHTINGS)).append(edge)
 
-    def own_transforms(self) -> dict[str, Pose]:
-        """T_own_peer of the pairs that the robot itself accepted."""
-        own = dict(self._sighted)
+    def own_edges(self) -> list[Edge]:
+        """Edges that the robot itself found: accepted pairs and sightings."""
+        edges = [edge for sighted in self._sighted.values() for edge in sighted]
         for peer, pair in self.pairs.items():
             if pair.held is not None:
-                T = pair.held.T_target_source
-                own[peer] = T if self.name < peer else Pose.from_array(inverse(T))
-        return own
+                edges.append(Edge(*sorted((self.name, peer)), pair.held.T_target_source,
+                                  pair.held.covariance, pair.held.probability))
+        return edges
+
+    def own_transforms(self) -> dict[str, Pose]:
+        """T_own_peer of the pairs that the robot itself accepted, a match before a sighting."""
+        return {edge.source if edge.target == self.name else edge.target:
+                edge.T_target_source if edge.target == self.name
+                else Pose.from_array(inverse(edge.T_target_source))
+                for edge in self.own_edges()}
 
     def solution(self) -> Solution:
         """Place every robot's map."""
         if self._known:
-            return _solution_of_known(self._known, {self.name, *self.grids})
-        poses = {(self.name, peer): pose for peer, pose in self.own_transforms().items()}
-        poses |= {pair: pose for pair, (pose, _) in self._heard.items()}
-        robots = {self.name, *self.grids, *(robot for pair in poses for robot in pair)}
-        if (robots, poses) != self._solved_for:
-            self._solved = solve(robots, [Edge(*pair, pose, WIRE_COVARIANCE)
-                                          for pair, pose in poses.items()])
-            self._solved_for = (robots, poses)
+            return _solution_of_known(self._known, {self.name, *self.maps})
+        edges = self.own_edges() + [edge for said in self._heard.values() for edge in said]
+        robots = {self.name, *self.maps, *(robot for edge in edges for robot in edge.robots)}
+        key = (robots, [(*edge.robots, *edge.T_target_source, edge.covariance.tobytes())
+                        for edge in edges])
+        if key != self._solved_for:
+            self._solved, self._solved_for = solve(robots, edges), key
         return self._solved
 
     def reset(self) -> None:
@@ -137,15 +160,9 @@ def begun_anew(old: Grid, new: Grid) -> bool:
     return bool(area < SHRUNK * area_before and missing_walls(old, new) > NEW_FRAME)
 
 
-def _identical(first: Grid, second: Grid) -> bool:
-    """Tell whether two maps hold the same."""
-    return (first.resolution == second.resolution and first.T_frame_grid == second.T_frame_grid
-            and np.array_equal(first.evidence, second.evidence))
-
-
 def _solution_of_known(known: Mapping[str, Pose], robots: Collection[str]) -> Solution:
     """Place the maps by poses that the user gave."""
     anchor = min(set(known) & set(robots), default=min(known))
-    edges = [Edge(anchor, robot, Pose.from_array(between(known[anchor], pose)), WIRE_COVARIANCE)
+    edges = [Edge(anchor, robot, Pose.from_array(between(known[anchor], pose)), KNOWN_COVARIANCE)
              for robot, pose in known.items() if robot in robots and robot != anchor]
     return solve({*robots, anchor}, edges)

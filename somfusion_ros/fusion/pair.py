@@ -41,6 +41,11 @@ class Pair:
         self._matched: tuple[Grid, Grid] | None = None
         self._matched_at = 0.0
 
+    @property
+    def doubted(self) -> bool:
+        """Whether the verdict that holds was refused on the maps of now."""
+        return self._refusals > 0
+
     def due(self, target: Grid, source: Grid, now: float, minimum_change: float) -> bool:
         """
         Tell whether one of the maps changed enough since they were last matched.

@@ -7,6 +7,7 @@ The world of a connected group is the map frame of its member whose name sorts f
 all robots that know the same pairs agree on it without a vote.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -29,7 +30,7 @@ class Edge:
     An accepted relative pose of two robots' maps.
 
     covariance (3, 3) of (x, y, theta) in the target frame; probability of being right, which
-    decides between edges that contradict each other equally well.
+    decides between edges that contradict each other equally well; kind: match or sighting.
     """
 
     target: str
@@ -37,6 +38,12 @@ class Edge:
     T_target_source: Pose
     covariance: Array
     probability: float = 1.0
+    kind: str = 'match'
+
+    @property
+    def robots(self) -> tuple[str, str]:
+        """Names of the two robots."""
+        return self.target, self.source
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,18 +127,31 @@ def _consistent(members: list[str], edges: list[Edge]) -> tuple[Estimate, list[D
     """Solve one connected group, dropping edges until the cycles agree."""
     graph = Graph(len(members), _numbered(members, edges),
                   np.array([e.T_target_source for e in edges]).reshape(-1, 3),
-                  np.array([np.linalg.inv(with_drift(e.T_target_source, e.covariance))
-                            for e in edges]).reshape(-1, 3, 3))
+                  _information(edges))
     edges, dropped, estimate = list(edges), [], optimise(graph)
     while _contradicts(graph, estimate):
         worst = _worst_edge(graph, edges, estimate)
-        reason = (f'{edges[worst].target} - {edges[worst].source} contradicts the other accepted '
+        wrong = edges.pop(worst)
+        reason = (f'{wrong.target} - {wrong.source} ({wrong.kind}) contradicts the other accepted '
                   f'pairs: chi-square {estimate.chi2.sum():.1f} over {_gate(graph):.1f} among '
                   f'{", ".join(members)}')
-        dropped.append(Dropped(edges.pop(worst), reason))
+        dropped.append(Dropped(wrong, reason))
         graph = graph.without(worst)
         estimate = optimise(graph)
     return estimate, dropped
+
+
+def _information(edges: list[Edge]) -> Array:
+    """
+    Information (E, 3, 3) of edges; those of one kind between the same two maps count as one.
+
+    Both robots of a pair match the same walls, and sightings hang on the same poses: their errors
+    are the same, so they are averaged as in covariance intersection with equal weights.
+    """
+    alike = Counter((frozenset(edge.robots), edge.kind) for edge in edges)
+    return np.array([np.linalg.inv(with_drift(edge.T_target_source, edge.covariance))
+                     / alike[frozenset(edge.robots), edge.kind]
+                     for edge in edges]).reshape(-1, 3, 3)
 
 
 def _contradicts(graph: Graph, estimate: Estimate) -> bool:

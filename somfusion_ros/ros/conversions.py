@@ -16,13 +16,16 @@ from nav_msgs.msg import OccupancyGrid, Odometry as OdometryMessage, Path
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField
+from somfusion_ros.fusion.shared_map import Cells, SharedMap
 from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.grid import Grid
+from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.tools import frame_tree
 from std_msgs.msg import Header
 
 CLUSTER_FIELDS = ('x', 'y', 'z', 'normal_x', 'normal_y', 'segment', 'weight')
+UNTOLD = (0.3, 0.3, 0.2)               # [m, m, rad] sigma where a message tells none
+LEAST_SIGMA = (0.02, 0.02, 0.01)       # [m, m, rad] nothing is known better than this
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))   # x, y, rotation about z in a 6 x 6 covariance
 
 
@@ -87,16 +90,21 @@ def wheels_from_message(message: JointState, left: str, right: str) -> tuple[flo
     return seconds(message.header.stamp), wheels
 
 
-def grid_from_message(message: OccupancyGrid, max_cells: int) -> Grid:
-    """Convert a map of any origin; ValueError, naming what is wrong, on a bad one."""
+def cells_from_message(message: OccupancyGrid, max_cells: int) -> Cells:
+    """Cells of a map of any origin; ValueError, naming what is wrong, on a bad one."""
     width, height = message.info.width, message.info.height
     if width * height > max_cells:
         raise ValueError(f'grid of {width} x {height} cells is over {max_cells} cells')
     if len(message.data) != width * height:
         raise ValueError(f'grid of {width} x {height} cells has data of {len(message.data)}')
-    cells = np.frombuffer(message.data, dtype=np.int8).reshape(height, width)
-    return Grid.from_occupancy(cells, message.info.resolution,
-                               pose_from_message(message.info.origin))
+    values = np.frombuffer(message.data, dtype=np.int8).reshape(height, width)
+    values = np.where((values >= FREE) & (values <= OCCUPIED), values, np.int8(UNKNOWN))
+    return Cells(values, message.info.resolution, pose_from_message(message.info.origin))
+
+
+def grid_from_message(message: OccupancyGrid, max_cells: int) -> Grid:
+    """Convert a map of any origin; ValueError, naming what is wrong, on a bad one."""
+    return SharedMap.from_cells(cells_from_message(message, max_cells)).grid
 
 
 def grid_message(grid: Grid, frame: str, stamp: Time) -> OccupancyGrid:
@@ -126,6 +134,19 @@ def pose_with_covariance(pose: Pose, covariance: Array, frame: str,
 def planar_covariance(covariance: Iterable[float]) -> Array:
     """Covariance (3, 3) of x, y, theta out of the 36 numbers of a message."""
     return np.asarray(covariance, dtype=float).reshape(6, 6)[PLANAR]
+
+
+def usable_covariance(covariance: Iterable[float]) -> Array:
+    """Planar covariance (3, 3) that can be inverted; a message that tells none gets a wide one."""
+    P = planar_covariance(covariance)
+    if not np.isfinite(P).all():
+        raise ValueError('covariance is not finite')
+    if not np.diag(P).any():
+        P = np.diag(UNTOLD) ** 2
+    P = (P + P.T) / 2.0 + np.diag(LEAST_SIGMA) ** 2
+    if np.linalg.eigvalsh(P)[0] <= 0.0:
+        raise ValueError('covariance is not positive')
+    return P
 
 
 def path_message(stamps: Array, poses: Array, frame: str, stamp: Time) -> Path:

@@ -9,11 +9,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.fusion.features import Map
+from somfusion_ros.fusion.features import Clusters, Map
+from somfusion_ros.fusion.learning import NORMED
 from somfusion_ros.geometry import Array
 from somfusion_ros.ros.diagnostics import status
 from somfusion_ros.ros.fusion_session import Snapshot
-from somfusion_ros.ros.peers import Heard
+from somfusion_ros.ros.peers import CLUSTERS, Heard
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -23,11 +24,11 @@ WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 YELLOW = ColorRGBA(r=1.0, g=0.9, b=0.2, a=1.0)
 
 
-def cluster_rows(learned: Map) -> NDArray[np.float32]:
-    """Rows (K, 7) of conversions.CLUSTER_FIELDS, one per SOM neuron."""
-    c = learned.clusters
-    return np.column_stack([c.centres, np.zeros(len(c)), c.norms, c.segments,
-                            c.weights]).astype(np.float32)
+def cluster_rows(clusters: Clusters) -> NDArray[np.float32]:
+    """Rows (K, 7) of conversions.CLUSTER_FIELDS, one per SOM neuron; norms zero where unknown."""
+    norms = clusters.norms * (clusters.straight > NORMED)[:, None]
+    return np.column_stack([clusters.centres, np.zeros(len(clusters)), norms, clusters.segments,
+                            clusters.weights]).astype(np.float32)
 
 
 def team_markers(learned: Map, frame: str, stamp: Time) -> MarkerArray:
@@ -49,7 +50,8 @@ def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[st
     """One status of the node, and one per peer."""
     world = snapshot.world(robot)
     values = {'peers': len(heard) - 1, 'connected': ', '.join(sorted(world)) or 'nobody',
-              'dropped': '; '.join(d.reason for d in snapshot.solution.dropped), **faults}
+              'dropped': '; '.join(d.reason for d in snapshot.solution.dropped),
+              'transform_jumps': snapshot.jumps, **faults}
     silent = '' if heard[robot].maps else "the robot's own map has not come yet"
     return [status(node, robot, values, silent)] + [
         _peer_status(node, peer, snapshot, heard[peer], peer in world, now, timeout)
@@ -59,8 +61,8 @@ def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[st
 def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connected: bool,
                  now: float, timeout: float) -> DiagnosticStatus:
     """Tell how it stands with one peer."""
-    values = {'map_age_s': now - heard.map_at, 'maps': heard.maps,
-              'bytes_received': heard.map_bytes, 'connected': connected,
+    values = {'heard_s': now - heard.at, 'map_age_s': now - heard.map_at, 'maps': heard.maps,
+              'bytes_received': sum(heard.received.values()), 'connected': connected,
               'settled': peer in snapshot.settled}
     verdict, warning = snapshot.verdicts.get(peer), ''
     if verdict is not None:
@@ -70,10 +72,12 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
                    'probability': verdict.probability, 'runner_up': rival,
                    'verdict': snapshot.words.get(peer, ''), 'reason': verdict.reason,
                    'ms_per_attempt': 1e3 * sum(verdict.seconds.values())}
-    if not heard.maps:
+    if values['heard_s'] > timeout:
+        warning = f'{peer} has been silent for {values["heard_s"]:.0f} s'
+    elif not heard.maps and heard.received[CLUSTERS]:
+        warning = f'no match with {peer} is likely yet, so its whole map was not asked for'
+    elif not heard.maps:
         warning = f'{peer} has not sent a map'
-    elif values['map_age_s'] > timeout:
-        warning = f'{peer} has been silent for {values["map_age_s"]:.0f} s'
     elif not connected:
         warning = verdict.reason if verdict is not None else f'{peer} is not matched yet'
     return status(f'{node}: {peer}', peer, values, warning)

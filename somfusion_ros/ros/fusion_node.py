@@ -11,8 +11,8 @@ from functools import partial
 import time
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from nav_msgs.msg import OccupancyGrid
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -20,14 +20,16 @@ from rclpy.task import Future
 from somfusion_ros.config import FusionConfig, FusionNodeConfig
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.grid import Grid
-from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import parameters, qos
 from somfusion_ros.ros.diagnostics import Faults
+from somfusion_ros.ros.discovery import Discovery
 from somfusion_ros.ros.fusion_drawing import fusion_statuses
 from somfusion_ros.ros.fusion_publisher import FusionPublisher
 from somfusion_ros.ros.fusion_session import FusionSession
-from somfusion_ros.ros.peers import find_peers, from_sighting, Heard, robot_of
+from somfusion_ros.ros.intake import Intake
 from somfusion_ros.ros.runtime import run
+from somfusion_ros.ros.sightings import Sightings
+from somfusion_ros.ros.team_link import TeamLink
 from somfusion_ros.ros.worker import Worker
 from somfusion_ros.tools.maps import write_map
 from std_srvs.srv import Trigger
@@ -52,9 +54,9 @@ class FusionNode(Node):
         self._count = Faults(self.get_logger())
         self._session = FusionSession(self._name, self._config, self._fusion,
                                       self.get_logger().info)
-        self._heard: dict[str, Heard] = {}
-        self._inbox: dict[str, OccupancyGrid] = {}
-        self._alive: set[str] = set()
+        self._intake = Intake(self._name, self._session, self._config.max_map_cells, self._count)
+        self._sightings = Sightings(self._name, self._intake.heard, self._session.take_sighting,
+                                    self._count)
         self._global: Grid | None = None
         self._draw_due = 0.0
         self._worker = Worker(self._work, lambda error: self._count('worker_errors', repr(error)))
@@ -68,11 +70,14 @@ class FusionNode(Node):
     def _make_interfaces(self) -> None:
         """Make every topic, service and timer; all but the peers' names are relative."""
         config, waiting = self._config, MutuallyExclusiveCallbackGroup()
-        self._own_topic = self.resolve_topic_name(config.robot_map_topic)
-        self._listen(self._name, config.robot_map_topic, 'pose')
-        self.create_subscription(PoseWithCovarianceStamped, 'encounters', self._on_encounter,
-                                 qos.STREAM)
         self._publisher = FusionPublisher(self, self._name, config)
+        self._link = TeamLink(self, self._intake, self._count)
+        self._discovery = Discovery(self, self._name, config, self._link, self._intake)
+        self.create_subscription(PoseWithCovarianceStamped, 'pose',
+                                 partial(self._intake.keep_pose, self._name), qos.STREAM)
+        self.create_subscription(Path, 'path', self._intake.keep_path, qos.LATEST)
+        self.create_subscription(PoseWithCovarianceStamped, 'encounters', self._sightings.add,
+                                 qos.STREAM)
         jobs = {'merge': self._merge, 'save_map': self._save, 'reset': self._reset}
         for name, job in jobs.items():
             self.create_service(Trigger, f'~/{name}', partial(self._serve, job),
@@ -82,92 +87,26 @@ class FusionNode(Node):
         self.create_timer(1.0 / config.merging_rate, self._publish_transforms, clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
 
-    def _listen(self, robot: str, map_topic: str, pose_topic: str) -> None:
-        """Subscribe to one robot's map and pose."""
-        self._heard[robot] = Heard()
-        self.create_subscription(OccupancyGrid, map_topic, partial(self._on_map, robot),
-                                 qos.LATCHED)
-        self.create_subscription(PoseWithCovarianceStamped, pose_topic,
-                                 partial(self._on_pose, robot), qos.STREAM)
-
     def _discover(self) -> None:
-        """Listen to every robot that is new."""
-        config = self._config
-        for peer in find_peers(self.get_topic_names_and_types(), config.robot_map_topic,
-                               self._own_topic, config.peers):
-            if peer not in self._heard:
-                self.get_logger().info(f'{self._name} found {peer}')
-                self._listen(peer, f'/{peer}/{config.robot_map_topic}', f'/{peer}/pose')
-                self.create_subscription(TransformStamped, f'/{peer}/relative_transforms',
-                                         partial(self._on_transform, peer), qos.LATCHED_PER_PAIR)
-        self._alive = {robot for robot in self._heard
-                       if self.count_publishers(f'/{robot}/relative_transforms')}
-
-    def _on_map(self, robot: str, message: OccupancyGrid) -> None:
-        """Keep a robot's newest map until the worker has time for it."""
-        heard = self._heard[robot]
-        heard.map_at, heard.maps = time.monotonic(), heard.maps + 1
-        heard.map_bytes += len(message.data)
-        self._inbox[robot] = message
-
-    def _on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
-        """Keep a robot's pose in its own map."""
-        try:
-            pose = convert.pose_from_message(message.pose.pose)
-        except ValueError as error:
-            self._count(f'pose_of_{robot}_unusable', str(error))
-            return
-        self._heard[robot].poses.append((convert.seconds(message.header.stamp), pose))
-
-    def _on_transform(self, owner: str, message: TransformStamped) -> None:
-        """Take what a peer accepted."""
-        peer = robot_of(message.child_frame_id)
-        try:
-            T_owner_peer = convert.transform_from_message(message)
-        except ValueError as error:
-            self._count(f'transform_of_{owner}_unusable', str(error))
-            return
-        if peer:
-            now = time.monotonic()
-            self._worker.submit(
-                lambda: self._session.take_transform(owner, peer, T_owner_peer, now))
-
-    def _on_encounter(self, message: PoseWithCovarianceStamped) -> None:
-        """Take a sighting of a peer, where both robots' poses at that time are known."""
-        peer, stamp = message.header.frame_id.strip('/'), convert.seconds(message.header.stamp)
-        own, other = (self._heard[robot].pose_at(stamp) if robot in self._heard else None
-                      for robot in (self._name, peer))
-        try:
-            if own is None or other is None:
-                raise ValueError(f'no pose of {self._name} or of {peer!r} at {stamp:.3f} s')
-            seen = from_sighting(own, convert.pose_from_message(message.pose.pose), other)
-        except ValueError as error:
-            self._count('encounters_unusable', str(error))
-            return
-        self._worker.submit(lambda: self._session.take_sighting(peer, seen))
+        """Listen to every robot that is new, and to the maps that are of use."""
+        self._discovery.look()
+        self._link.want(self._session.snapshot.wanted & self._discovery.teams)
 
     def _work(self) -> bool:
         """Do one piece of work in the worker; tell whether there is more."""
-        self._take_maps()
-        now = time.monotonic()
-        self._session.expire(self._alive, now)
-        self._session.refresh()
+        self._take_messages()
+        self._sightings.settle()
+        self._link.say(self._session.refresh().edges, time.monotonic())
+        self._link.flush()
         self._draw()
-        return self._session.attempt(now) is not None
+        return self._session.attempt(time.monotonic()) is not None
 
-    def _take_maps(self) -> None:
-        """Convert the maps that arrived; bad ones are counted and change nothing."""
-        for robot in list(self._inbox):
-            message = self._inbox.pop(robot)
-            try:
-                grid = convert.grid_from_message(message, self._config.max_map_cells)
-                if not grid.known.any():
-                    raise ValueError('grid is all unknown')
-            except ValueError as error:
-                self._count(f'map_of_{robot}_unusable', str(error))
-                continue
-            if self._session.take_map(robot, grid) and robot == self._name:
-                self._publisher.learned(learn(grid, self._fusion))
+    def _take_messages(self) -> None:
+        """Take all that arrived; tell the peers of the robot's own map where it changed."""
+        own = self._intake.drain()
+        if own is not None:
+            self._publisher.learned(learn(self._session.own_grid, self._fusion))
+            self._link.share(own)
 
     def _draw(self, force: bool = False) -> None:
         """Draw and publish the global map where it changed, not more often than is good."""
@@ -187,13 +126,17 @@ class FusionNode(Node):
 
     def _publish_transforms(self) -> None:
         """Repeat what is accepted."""
-        self._publisher.transforms(self._session.snapshot, self._heard, self._alive)
+        self._publisher.transforms(self._session.snapshot, self._intake.heard,
+                                   self._discovery.alive)
+        poses = self._intake.heard[self._name].poses
+        if poses:
+            self._link.tell_pose(poses[-1], self._config.map_frame)
 
     def _report(self) -> None:
         """Tell /diagnostics how the node and each peer are doing."""
         self._publisher.diagnostics(fusion_statuses(
             self.get_fully_qualified_name().lstrip('/'), self._name, self._session.snapshot,
-            self._heard, self._count.counts(), time.monotonic(), self._config.peer_timeout))
+            self._intake.heard, self._count.counts(), time.monotonic(), self._config.peer_timeout))
 
     def _on_parameters(self, changes: list[Any]) -> Any:
         """Take live changes of the merge's parameters, all or none."""
@@ -211,7 +154,7 @@ class FusionNode(Node):
 
     def _merge(self) -> str:
         """Match every pair now, whether its maps changed or not."""
-        self._take_maps()
+        self._take_messages()
         now = time.monotonic()
         for _ in self._session.peers():
             self._session.attempt(now, force=True)

@@ -7,19 +7,20 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseArray, TransformStamped
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import PointCloud2
 from somfusion_ros.config import FusionNodeConfig
 from somfusion_ros.fusion.features import Map
-from somfusion_ros.geometry import compose, Pose
+from somfusion_ros.fusion.screening import outline
+from somfusion_ros.geometry import compose, compose_jacobians, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import qos
 from somfusion_ros.ros.diagnostics import diagnostic_array
 from somfusion_ros.ros.fusion_drawing import cluster_rows, team_markers
 from somfusion_ros.ros.fusion_session import Snapshot
-from somfusion_ros.ros.peers import Heard
+from somfusion_ros.ros.peers import Heard, TimedPose
 from somfusion_ros.ros.tf import Broadcaster
 from visualization_msgs.msg import MarkerArray
 
@@ -33,6 +34,7 @@ class FusionPublisher:
         self._map = node.create_publisher(OccupancyGrid, config.merged_map_topic, qos.LATCHED)
         self._relative = node.create_publisher(TransformStamped, 'relative_transforms',
                                                qos.LATCHED_PER_PAIR)
+        self._pose_publishers: dict[str, Any] = {}
         self._poses = node.create_publisher(PoseArray, 'peer_poses', qos.STREAM)
         self._clusters = node.create_publisher(PointCloud2, 'clusters', qos.LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'markers', qos.LATEST)
@@ -67,15 +69,33 @@ class FusionPublisher:
             pose, self._config.world_frame, self.frame(robot), stamp)
             for robot, pose in world.items()
             if robot == self._robot or not self._shared_tree or robot not in alive])
-        poses = [Pose.from_array(compose(world[robot], heard[robot].poses[-1][1]))
-                 for robot in sorted(world) if robot in heard and heard[robot].poses]
+        self._team_poses({robot: heard[robot].poses[-1] for robot in sorted(world)
+                          if robot in heard and heard[robot].poses}, snapshot, stamp)
+
+    def _team_poses(self, here: Mapping[str, TimedPose], snapshot: Snapshot, stamp: Time) -> None:
+        """Tell where the robots are: all in one message, and each with its covariance."""
+        world, frame = snapshot.world(self._robot), self._config.world_frame
+        poses = {robot: Pose.from_array(compose(world[robot], item.pose))
+                 for robot, item in here.items()}
         if poses:
-            self._poses.publish(convert.pose_array(poses, self._config.world_frame, stamp))
+            self._poses.publish(convert.pose_array(poses.values(), frame, stamp))
+        for robot, pose in poses.items():
+            by_map, by_pose = compose_jacobians(world[robot], here[robot].pose)
+            P = (by_map @ snapshot.solution.covariances[robot] @ by_map.T
+                 + by_pose @ here[robot].covariance @ by_pose.T)
+            self._pose_of(robot).publish(convert.pose_with_covariance(pose, P, frame, stamp))
+
+    def _pose_of(self, robot: str) -> Any:
+        """Give the publisher of one robot's pose."""
+        if robot not in self._pose_publishers:
+            self._pose_publishers[robot] = self._node.create_publisher(
+                PoseWithCovarianceStamped, f'peer_poses/{robot}', qos.STREAM)
+        return self._pose_publishers[robot]
 
     def learned(self, learned: Map) -> None:
         """Publish the clusters of the robot's own map, and markers where somebody looks."""
         stamp, frame = self._now(), self.frame(self._robot)
-        self._clusters.publish(convert.cluster_cloud(cluster_rows(learned), frame, stamp))
+        self._clusters.publish(convert.cluster_cloud(cluster_rows(outline(learned)), frame, stamp))
         if self._markers.get_subscription_count():
             self._markers.publish(team_markers(learned, frame, stamp))
 

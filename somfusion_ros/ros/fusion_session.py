@@ -7,20 +7,26 @@ Nothing here knows a message or a clock; all of it runs in one worker thread. Wh
 need is handed out as snapshots that never change.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from somfusion_ros.config import FusionConfig, FusionNodeConfig
 from somfusion_ros.fusion.alignment import align, Alignment
+from somfusion_ros.fusion.features import Clusters
 from somfusion_ros.fusion.global_map import merge_grids
 from somfusion_ros.fusion.members import Team
-from somfusion_ros.fusion.team import Solution
-from somfusion_ros.geometry import Pose
+from somfusion_ros.fusion.shared_map import SharedMap
+from somfusion_ros.fusion.team import Edge, Solution
+from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.ros.scouting import Scouting
 
 SEED = 2011   # the same on every robot, so that the same maps give the same verdict
+DIGITS = 4    # of the poses that maps are drawn at [m, rad], so that all robots draw alike
+JUMP = (0.2, np.radians(2.0))   # [m, rad] a change of an accepted transform that is counted
+FIRST_PAUSE, LONGEST_PAUSE = 5.0, 600.0   # [s] without a match after a peer began maps anew
 
 
 @dataclass(frozen=True)
@@ -28,16 +34,21 @@ class Snapshot:
     """
     The team as it is known now.
 
-    own_transforms: T_own_peer of the pairs that the robot itself accepted; solution: where all
-    maps lie; verdicts: the newest alignment with each peer; words: what became of it; settled:
-    the peers on whose present maps the last word is said.
+    own_transforms: T_own_peer of the pairs that the robot itself accepted; edges: the same with
+    covariances, as peers are told; solution: where all maps lie; verdicts: the newest alignment
+    with each peer; words: what became of it; settled: the peers on whose present maps the last
+    word is said; wanted: the peers whose whole maps are of use; jumps: accepted transforms that
+    changed by much.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
+    edges: tuple[Edge, ...] = ()
     solution: Solution = field(default_factory=lambda: Solution((), {}))
     verdicts: dict[str, Alignment] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
     settled: frozenset[str] = frozenset()
+    wanted: frozenset[str] = frozenset()
+    jumps: int = 0
 
     def world(self, robot: str) -> dict[str, Pose]:
         """T_world_map by robot of the team that a robot is connected with; {} while alone."""
@@ -55,32 +66,47 @@ class FusionSession:
         self.snapshot = Snapshot()
         self._name, self._config, self._say = name, config, say
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else None)
+        self._scouting = Scouting(config.minimum_change)
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
         self._said: set[str] = set()
-        self._drawn: dict[str, tuple[Grid, Pose]] = {}
+        self._jumps = 0
+        self._drawn: dict[str, tuple[SharedMap, Pose]] = {}
         self.refresh()
 
     @property
     def own_grid(self) -> Grid | None:
         """The robot's own newest map."""
-        return self._team.grids.get(self._name)
+        own = self._team.maps.get(self._name)
+        return own and own.grid
 
-    def take_map(self, robot: str, grid: Grid) -> bool:
+    def take_map(self, robot: str, shared: SharedMap, now: float = 0.0) -> bool:
         """Take a robot's map; tell whether it changed anything."""
-        return self._team.update_map(robot, grid)
+        begun = self._team.begun_anew[robot]
+        changed = self._team.update_map(robot, shared)
+        if self._team.begun_anew[robot] > begun:
+            pause = 0.0 if not begun else min(FIRST_PAUSE * 2.0 ** begun, LONGEST_PAUSE)
+            self._looked[robot] = now + pause
+            self._say(f'{robot} began a new map, for the {begun + 1}. time: its old place is '
+                      f'forgotten, a new one is sought in {pause:.0f} s')
+        return changed
 
-    def take_transform(self, owner: str, peer: str, T_owner_peer: Pose, now: float) -> None:
-        """Take what a peer accepted."""
-        self._team.receive(owner, peer, T_owner_peer, now)
+    def take_clusters(self, peer: str, clusters: Clusters) -> None:
+        """Take the clusters of a peer's map."""
+        self._scouting.update(peer, clusters)
 
-    def take_sighting(self, peer: str, T_own_peer: Pose) -> None:
+    def take_edges(self, owner: str, edges: Iterable[Edge]) -> None:
+        """Take all that a peer accepts now."""
+        self._team.hear(owner, edges)
+
+    def add_edge(self, owner: str, edge: Edge) -> None:
+        """Take one pair that a peer accepted, beside those that it told before."""
+        kept = [old for old in self._team.heard_of(owner) if old.robots != edge.robots]
+        self._team.hear(owner, [*kept, edge])
+
+    def take_sighting(self, edge: Edge) -> None:
         """Take a sighting of a peer."""
-        self._team.sight(peer, T_own_peer)
-
-    def expire(self, alive: set[str], now: float) -> None:
-        """Forget what living peers no longer say."""
-        self._team.expire(alive, now, self._config.peer_timeout)
+        self._team.sight(edge)
 
     def peers(self) -> list[str]:
         """Robots whose map is known beside the robot's own."""
@@ -93,37 +119,45 @@ class FusionSession:
                      if now - self._looked.get(peer, -np.inf) >= period
                      and self._look(peer, now, force)), None)
         if peer is None:
-            return None
-        target, source = self._team.maps(peer)
+            return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
+        target, source = self._team.grids_of(peer)
+        before = self._team.own_transforms().get(peer)
         verdict = align(target, source, self.fusion, np.random.default_rng(SEED))
         self._words[peer] = self._team.record(peer, verdict, target, source, now)
+        self._count_jump(before, self._team.own_transforms().get(peer))
         self._say(f'{self._name} and {peer}: {self._words[peer]}; {verdict.reason}')
         return peer
 
     def refresh(self) -> Snapshot:
         """Place all maps anew by what is known now."""
-        solution = self._team.solution()
+        solution, pairs = self._team.solution(), self._team.pairs
         for reason in {dropped.reason for dropped in solution.dropped} - self._said:
             self._said.add(reason)
             self._say(reason)
-        self.snapshot = Snapshot(self._team.own_transforms(), solution, {
-            peer: pair.last for peer, pair in self._team.pairs.items() if pair.last is not None},
-            dict(self._words), frozenset(
-                peer for peer, pair in self._team.pairs.items() if pair.settled))
+        connected = solution.group_of(self._name).keys() - {self._name}
+        self.snapshot = Snapshot(
+            self._team.own_transforms(), tuple(self._team.own_edges()), solution,
+            {peer: pair.last for peer, pair in pairs.items() if pair.last is not None},
+            dict(self._words),
+            frozenset({peer for peer, pair in pairs.items() if pair.settled}
+                      | self._scouting.unlikely - self._team.maps.keys()),
+            frozenset(self._scouting.likely | connected), self._jumps)
         return self.snapshot
 
     def draw(self) -> Grid | None:
         """Draw the global map; None where it would look like the last one."""
-        world = self.snapshot.world(self._name)
-        if not world and self._drawn and self._name in self._team.grids:
+        world, shown = self.snapshot.world(self._name), self._team.shown
+        if not world and self._drawn and self._name in shown:
             world = {self._name: Pose()}   # the team fell apart: do not leave the old map standing
-        parts = {robot: (self._team.grids[robot], pose) for robot, pose in world.items()
-                 if robot in self._team.grids}
+        parts = {robot: (shown[robot], Pose(*np.round(pose, DIGITS)))
+                 for robot, pose in world.items() if robot in shown}
         if not parts or self._looks_drawn(parts):
             return None
         self._drawn = parts
-        return merge_grids({robot: grid for robot, (grid, _) in parts.items()},
-                           {robot: pose for robot, (_, pose) in parts.items()})
+        return merge_grids({robot: shared.grid for robot, (shared, _) in parts.items()},
+                           {robot: pose for robot, (_, pose) in parts.items()}, driven={
+                               robot: shared.driven for robot, (shared, _) in parts.items()},
+                           robot_radius=self._config.robot_radius)
 
     def reset(self) -> None:
         """Forget all verdicts and begin again."""
@@ -137,8 +171,14 @@ class FusionSession:
         self._looked[peer] = now
         return force or self._team.is_due(peer, now)
 
-    def _looks_drawn(self, parts: dict[str, tuple[Grid, Pose]]) -> bool:
+    def _count_jump(self, before: Pose | None, after: Pose | None) -> None:
+        """Count an accepted transform that gave way to one elsewhere."""
+        if before is not None and after is not None:
+            step = between(before, after)
+            self._jumps += bool(np.hypot(step[0], step[1]) > JUMP[0] or abs(step[2]) > JUMP[1])
+
+    def _looks_drawn(self, parts: dict[str, tuple[SharedMap, Pose]]) -> bool:
         """Tell whether the same maps lay at the same poses when last drawn."""
         return parts.keys() == self._drawn.keys() and all(
-            grid is self._drawn[robot][0] and np.allclose(pose, self._drawn[robot][1], atol=1e-4)
-            for robot, (grid, pose) in parts.items())
+            shared is self._drawn[robot][0] and pose == self._drawn[robot][1]
+            for robot, (shared, pose) in parts.items())
