@@ -7,7 +7,7 @@ from collections import Counter
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.geometry import between, compose
+from somfusion_ros.geometry import between, compose, wrap
 from somfusion_ros.slam.motion import arc, increment_covariance, MotionNoise
 from somfusion_ros.slam.motion import OdometryBuffer, WheelOdometry
 
@@ -15,7 +15,7 @@ from somfusion_ros.slam.motion import OdometryBuffer, WheelOdometry
 def filled(count: Counter) -> OdometryBuffer:
     buffer = OdometryBuffer(lambda name: count.update([name]))
     for t in range(5):
-        buffer.add(float(t), (2.0 * t, 0.0, 0.1 * t))
+        buffer.add(float(t), (2.0 * t, 0.0, 0.0))
     return buffer
 
 
@@ -23,13 +23,48 @@ def filled(count: Counter) -> OdometryBuffer:
 def test_interpolation_lies_between_the_samples(stamp):
     found = filled(Counter()).at(stamp)
     assert found.pose[0] == pytest.approx(2.0 * stamp, abs=1e-9)
-    assert found.pose[2] == pytest.approx(0.1 * stamp, abs=1e-9)
-    assert found.twist[2] == pytest.approx(0.1)
+    assert found.twist[0] == pytest.approx(2.0)
+
+
+@given(st.floats(0.0, 1.0), st.floats(-3.0, 3.0), st.floats(-2.0, 2.0))
+def test_between_samples_the_robot_drives_one_arc(stamp, turn, travel):
+    buffer, ends = OdometryBuffer(), (np.array([1.0, 2.0, 3.0]),)
+    ends += (compose(ends[0], arc(travel, turn)),)
+    for t, pose in enumerate(ends):
+        buffer.add(float(t), pose)
+    found = buffer.at(stamp).pose
+    expected = compose(ends[0], arc(travel * stamp, turn * stamp))
+    assert abs(wrap(found[2] - expected[2])) < 1e-9
+    np.testing.assert_allclose(found[:2], expected[:2], atol=1e-9)
 
 
 @pytest.mark.parametrize('stamp', [-0.1, 4.1])
 def test_nothing_is_extrapolated(stamp):
     assert filled(Counter()).at(stamp) is None
+
+
+@given(st.floats(0.0, 4.0), st.floats(-0.5, 0.5))
+def test_a_lag_reads_the_odometry_of_another_time(stamp, lag):
+    buffer = filled(Counter())
+    buffer.lag = lag
+    if stamp + lag > 4.0:
+        assert buffer.at(stamp) is None
+    else:
+        assert buffer.at(stamp).pose[0] == pytest.approx(2.0 * (stamp + lag), abs=1e-9)
+
+
+@given(st.floats(-0.2, 0.1), st.lists(st.floats(-0.15, 0.15), min_size=40, max_size=40))
+def test_samples_that_arrive_in_bursts_keep_the_one_that_belongs_to_the_stamp(lag, jitter):
+    """True poses at true times, stamped late or early; the looked-up one is stamped rightly."""
+    buffer, times = OdometryBuffer(), np.arange(40) * 0.25
+    stamps = np.sort(times + jitter)
+    stamps[20] = np.clip(times[20], stamps[19] + 1e-3, stamps[21] - 1e-3)
+    buffer.lag = lag
+    for t, stamp in zip(times, stamps, strict=True):
+        buffer.add(stamp, (1.0 * t, 0.0, 0.0))
+    found = buffer.at(stamps[20])
+    assert found.pose[0] == pytest.approx(times[20], abs=3.0 * abs(lag) + 1e-9)
+    assert 0.2 < found.twist[0] < 3.0
 
 
 def test_headings_are_interpolated_across_the_turn():

@@ -50,7 +50,7 @@ class ScanQueue:
             if odometry is not None:
                 self._waiting.popleft()
                 yield first.item, odometry
-            elif self._buffer.latest is not None and self._buffer.latest > first.stamp:
+            elif self._buffer.passed(first.stamp):
                 self._waiting.popleft()   # odometry only goes on, so it is never covered
                 self._count('scans_before_odometry', 'a scan is older than the first odometry')
             elif now - first.arrived > self._timeout:

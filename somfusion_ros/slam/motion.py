@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry: interpolation by stamp, two wheel encoders, and the noise of an increment."""
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from somfusion_ros.geometry import Array, between, compose, wrap
+from somfusion_ros.geometry import Array, between, compose, rotation, wrap
 
 HISTORY = 20000  # odometry samples kept for scans that come late
+TWIST_SPAN = 0.2  # [s] least time over which a twist is measured: samples may arrive in bursts
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +73,9 @@ class OdometryBuffer:
         return self._stamps[-1] if self._stamps else None
 
     @property
-    def samples(self) -> tuple[Array, Array]:
-        """Stamps (n,) [s] and poses T_odom_base (n, 3) of what is kept."""
-        return np.array(self._stamps), np.array([s[1] for s in self._samples]).reshape(-1, 3)
+    def stamps(self) -> Array:
+        """Stamps (n,) [s] of what is kept."""
+        return np.array(self._stamps)
 
     def clear(self) -> None:
         """Forget everything, after a jump in time."""
@@ -95,26 +97,45 @@ class OdometryBuffer:
         return True
 
     def at(self, stamp: float) -> Odometry | None:
-        """Odometry interpolated at a stamp [s], less lag at the ends; None outside the samples."""
-        if len(self._stamps) < 2 or not self._stamps[0] <= stamp <= self._stamps[-1]:
+        """
+        Odometry at a stamp [s] plus lag; None where the samples do not cover it.
+
+        It is the nearest sample, moved along the mean twist around it. A log's stamps can be
+        times of arrival, in bursts; a sample recorded with the scan still tells where that scan
+        was taken, though its neighbours' stamps are wrong.
+        """
+        if not self.covers(stamp):
             return None
-        stamp = min(max(stamp + self.lag, self._stamps[0]), self._stamps[-1])
-        after = _bisect_from_the_end(self._stamps, stamp)
-        (t0, pose0, wheels0), (t1, pose1, wheels1) = self._samples[after - 1], self._samples[after]
-        share = (stamp - t0) / (t1 - t0)
-        step = between(pose0, pose1)
-        pose = compose(pose0, step * share)
-        wheels = (None if wheels0 is None or wheels1 is None
-                  else wheels0 + share * (wheels1 - wheels0))
-        return Odometry(stamp, pose, step / (t1 - t0), wheels)
+        after = max(1, bisect_left(self._stamps, stamp))
+        near = after - (stamp - self._stamps[after - 1] < self._stamps[after] - stamp)
+        t, pose, wheels = self._samples[near]
+        ahead = stamp + self.lag - t
+        twist, turning = self._rates(near, ahead)
+        return Odometry(stamp, compose(pose, swept(twist, ahead)), twist,
+                        None if turning is None else wheels + turning * ahead)
 
+    def covers(self, stamp: float) -> bool:
+        """Tell whether the samples reach from before the stamp to after it plus lag."""
+        return (len(self._stamps) > 1
+                and self._stamps[0] <= stamp <= self._stamps[-1] - max(self.lag, 0.0))
 
-def _bisect_from_the_end(stamps: deque[float], stamp: float) -> int:
-    """Index >= 1 of the first sample not before the stamp; fast for recent stamps."""
-    index = len(stamps) - 1
-    while index > 1 and stamps[index - 1] >= stamp:
-        index -= 1
-    return index
+    def passed(self, stamp: float) -> bool:
+        """Tell whether the samples begin after the stamp, so that they never cover it."""
+        return bool(self._stamps) and stamp < self._stamps[0]
+
+    def _rates(self, near: int, ahead: float) -> tuple[Array, Array | None]:
+        """Mean twist (3,) and wheel rates (2,) from sample `near` to `ahead` [s] of it."""
+        target, last = self._stamps[near] + ahead, near
+        while last == 0 or self._stamps[last] < target:
+            last += 1
+        first = min(near, last - 1)
+        while first > 0 and (self._stamps[first] > target
+                             or self._stamps[last] - self._stamps[first] < TWIST_SPAN):
+            first -= 1
+        (t0, pose0, wheels0), (t1, pose1, wheels1) = self._samples[first], self._samples[last]
+        dt = t1 - t0
+        turned = None if wheels0 is None or wheels1 is None else (wheels1 - wheels0) / dt
+        return mean_twist(between(pose0, pose1), dt), turned
 
 
 class WheelOdometry:
@@ -138,6 +159,18 @@ class WheelOdometry:
             return np.full(3, np.nan)
         self._last = wheels
         return self._pose.copy()
+
+
+def swept(twist: Array, time: float) -> Array:
+    """Pose (3,) after a time [s] at constant twist (3,): the chord of an arc."""
+    half = 0.5 * twist[2] * time
+    return time * np.append(np.sinc(half / np.pi) * rotation(half) @ twist[:2], twist[2])
+
+
+def mean_twist(step: Array, time: float) -> Array:
+    """Constant twist (3,) that sweeps a step (3,) in a time [s]."""
+    half = 0.5 * wrap(step[2])
+    return np.append(rotation(-half) @ step[:2] / np.sinc(half / np.pi), 2.0 * half) / time
 
 
 def arc(travel: float, turn: float) -> Array:

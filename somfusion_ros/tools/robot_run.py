@@ -67,12 +67,28 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     grid = slam.grid()
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
-    all_stamps, poses = with_odometry(*slam.trajectory(), *buffer.samples, buffer.lag)
+    all_stamps, poses = _dense(slam, buffer)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
                     np.asarray(odometry, dtype=float).reshape(-1, 3),
                     {**slam.counters, **counters, **log.counters}, np.asarray(milliseconds),
                     log.duration, seconds)
+
+
+def _dense(slam: Slam, buffer: OdometryBuffer) -> tuple[Array, Array]:
+    """Stamps and poses of every scan and, between them, of the odometry that is still kept."""
+    stamps, poses = slam.trajectory()
+    covered = np.flatnonzero([buffer.covers(t) for t in stamps])
+    if not len(covered):
+        return stamps, poses
+    a, b = covered[0], covered[-1] + 1
+    samples = [buffer.at(t) for t in buffer.stamps if buffer.covers(t)]
+    dense = with_odometry(stamps[a:b], poses[a:b],
+                          np.array([buffer.at(t).pose for t in stamps[a:b]]),
+                          np.array([o.stamp for o in samples]),
+                          np.array([o.pose for o in samples]))
+    return (np.concatenate([stamps[:a], dense[0], stamps[b:]]),
+            np.concatenate([poses[:a], dense[1], poses[b:]]))
 
 
 def paired(log: Log, buffer: OdometryBuffer,
@@ -84,7 +100,7 @@ def paired(log: Log, buffer: OdometryBuffer,
             waiting.append(record)
         else:
             buffer.add(record.stamp, record.pose, record.wheels)
-        while waiting and buffer.latest is not None and waiting[0].stamp < buffer.latest:
+        while waiting and (buffer.covers(waiting[0].stamp) or buffer.passed(waiting[0].stamp)):
             scan = waiting.popleft()
             yield from _with(scan, buffer.at(scan.stamp), counters)
     for scan in waiting:   # no odometry came after them
@@ -102,7 +118,8 @@ def _with(scan: Scan, odometry: Odometry | None,
 
 def _extrapolated(buffer: OdometryBuffer, stamp: float) -> Odometry | None:
     """Odometry a little after the last sample, at constant twist; None if that is too late."""
-    last = None if buffer.latest is None else buffer.at(buffer.latest)
+    last = (None if buffer.latest is None else
+            buffer.at(buffer.latest - max(buffer.lag, 0.0)))
     if last is None or not 0.0 <= stamp - last.stamp <= LATE_ODOMETRY:
         return None
     step = np.asarray(last.twist) * (stamp - last.stamp)
