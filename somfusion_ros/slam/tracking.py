@@ -9,34 +9,27 @@ however long the robot has driven.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import Array, between, compose, compose_jacobians, wrap
 from somfusion_ros.slam.calibration import Calibration
-from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.matching import Match, refine, register
+from somfusion_ros.slam.matching import Match, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
+from somfusion_ros.slam.recovery import Attempt, attempts, near, rivals, same
 from somfusion_ros.slam.resuming import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
-SEARCH = (1.2, 1.2)      # [m] [rad] widest window of the fallback
-STALL = np.array([0.2, 0.5])              # [m] [rad] by which odometry may be wrong at once
-STALL_SPEED = (1.2, 1.5)  # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
 SIMILAR = 0.05           # share of points by which a match must win over the odometry's
-DISTINCT = 0.08          # and over any other, to be clear
 SUDDEN = 0.5             # share of the usual inlier ratio below which something happened,
 BROKE = (0.3, 0.3)       # [m] [rad] if the odometry also broke off the motion by more than this
 MEMORY = 0.2             # weight of the newest scan in the usual inlier ratio
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
-STALL_SIGMA = np.array([1.0, 0.35, 1.0])  # sigmas along [m], across [m], heading [rad]
-IMPLAUSIBLE = 0.4                         # share of the score that an implausible pose loses
-SAME = (0.15, 0.06)                       # [m] [rad] within which two matches are one
 LOST_SIGMA = (0.5, 0.3, 0.5)              # [m] [m] [rad] added once the robot is lost
+CATCH_UP = 3.0           # [s] within which stalled odometry may report what it left out
 FEWEST = 8                                # points that can be matched
 LOOSE = 4.0              # times the odometry's sigmas, for the hold on a match
 
@@ -57,29 +50,6 @@ class Track:
     reason: str
 
 
-def plausibility(poses: Array, expected: tuple[Array, ...], window: Array) -> Array:
-    """
-    Factor (n,) in 0..1 for poses (n, 3): how well they continue one of the expected poses.
-
-    A wheeled robot's odometry that stalls is wrong along the travel and in heading, hardly
-    across. The factor is bounded below, so that a clear match can still overrule it, but it is 0
-    outside the window [m, rad] that the robot's speed sets.
-    """
-    likelihood = np.zeros(len(poses))
-    for pose in expected:
-        d = between(pose, poses) / STALL_SIGMA
-        likelihood = np.maximum(likelihood, np.exp(-0.5 * (d ** 2).sum(1)))
-    d = between(expected[0], poses)
-    possible = (np.hypot(d[:, 0], d[:, 1]) <= 1.5 * window[0]) & (abs(d[:, 2]) <= 1.2 * window[1])
-    return possible * (1.0 - IMPLAUSIBLE * (1.0 - likelihood))
-
-
-def _near(a: Array, b: Array, limit: tuple[float, float]) -> bool:
-    """Tell whether two poses (3,) lie within a limit [m, rad] of one another."""
-    d = between(a, b)
-    return bool(np.hypot(d[0], d[1]) < limit[0] and abs(d[2]) < limit[1])
-
-
 class Tracker:
     """Follows the robot from the last view."""
 
@@ -94,6 +64,7 @@ class Tracker:
         self._usual = 0.0            # inlier ratio of late
         self.lost = False
         self._resumed = False
+        self._anchor: tuple[Odometry, Array] | None = None   # before odometry and match differed
         self.calibration = Calibration()
 
     def state(self) -> dict[str, Array]:
@@ -122,6 +93,8 @@ class Tracker:
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
         self._map = local_map
+        if self._anchor is not None:
+            self._anchor = self._anchor[0], between(self.T_view_base, self._anchor[1])
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
@@ -136,6 +109,7 @@ class Tracker:
         matched, ratio = False, 0.0
         if self._map is not None and len(scan) >= FEWEST:
             match, matched = self._match(scan, before, bool(reason))
+            self._keep_anchor(match, previous, before)
             ratio = match.inlier_ratio
             if matched:
                 self._correct(match)
@@ -171,7 +145,7 @@ class Tracker:
 
     def _match(self, scan: Cloud, before: Array, jumped: bool) -> tuple[Match, bool]:
         """
-        Match from the prediction; where that is doubtful, search the whole neighbourhood.
+        Match from the prediction; where that is doubtful, try every plausible pose.
 
         Returns the best match and whether to use it. A match near the prediction is used if it
         explains enough of the scan. One that contradicts the odometry must explain most of it,
@@ -185,54 +159,66 @@ class Tracker:
                 and self._disagreement(match) < DOUBT):
             return match, True
         coasted = compose(before, self._velocity * self._dt)
-        window = np.minimum(SEARCH, STALL + self._unseen * np.array(STALL_SPEED))
-        plausible = partial(plausibility, expected=(seed, coasted), window=window)
-        peak = search(scan, self._map, seed, *window, prior=plausible)
-        matches = [match, refine(scan, self._map, seed, hold),
-                   register(scan, self._map, coasted),
-                   refine(scan, self._map, peak.pose)]
-        worth = [m.inlier_ratio * plausible(m.T_map_scan[None])[0] for m in matches]
-        best = min((m for m, w in zip(matches, worth, strict=True) if w > max(worth) - SIMILAR),
-                   key=self._disagreement)
-        stalled = best.inlier_ratio < SUDDEN * self._usual and not _near(seed, coasted, BROKE)
-        if not (doubtful or stalled) and self._disagreement(best) < DOUBT:
-            return best, best.inlier_ratio >= self._config.minimum_inlier_ratio
-        return best, self._found(best, matches)
+        expected = [seed, coasted, *self._caught_up()]
+        tried = attempts(scan, self._map, match, expected, self._unseen, hold)
+        worth = max(a.worth for a in tried)
+        best = min((a for a in tried if a.worth > worth - SIMILAR),
+                   key=lambda a: min(self._disagreement(a.match, pose) for pose in expected))
+        ratio = best.match.inlier_ratio
+        stalled = ratio < SUDDEN * self._usual and not near(seed, coasted, BROKE)
+        if not (doubtful or stalled) and self._disagreement(best.match) < DOUBT:
+            return best.match, ratio >= self._config.minimum_inlier_ratio
+        return best.match, self._found(best, tried)
 
-    def _found(self, best: Match, matches: list[Match]) -> bool:
+    def _found(self, best: Attempt, tried: list[Attempt]) -> bool:
         """
         Tell whether a match is clear enough to overrule the odometry; else become lost.
 
         Less of the scan is enough where the first match, from the odometry, and the last, from
         the search, confirm one another.
         """
-        rivals = [m for m in matches if m.inlier_ratio > best.inlier_ratio - DISTINCT
-                  and not _near(best.T_map_scan, m.T_map_scan, SAME)]
-        confirmed = all(_near(best.T_map_scan, m.T_map_scan, SAME)
-                        for m in (matches[0], matches[-1]))
+        confirmed = all(same(best, a) for a in (tried[0], tried[-1]))
         enough = (self._config.minimum_inlier_ratio if confirmed
                   else self._config.doubtful_inlier_ratio)
-        found = best.inlier_ratio >= enough and not rivals
+        found = best.match.inlier_ratio >= enough and not rivals(best, tried)
         if not found and not self.lost:
             self.P = self.P + np.diag(LOST_SIGMA) ** 2
         self.lost = not found
         return found
 
-    def _disagreement(self, match: Match) -> float:
-        """Squared Mahalanobis distance between match and prediction."""
-        y = self._innovation(match)
+    def _keep_anchor(self, match: Match, previous: Odometry, before: Array) -> None:
+        """Keep the last pose before odometry and match differed, until they agree again."""
+        differ = self.lost or self._disagreement(match) >= DOUBT
+        caught_up = any(near(match.T_map_scan, pose, BROKE) for pose in self._caught_up())
+        if not differ or caught_up:
+            self._anchor = None
+        elif self._anchor is None and previous is not None:
+            self._anchor = previous, before
+
+    def _caught_up(self) -> list[Array]:
+        """Give the pose (3,), if any, at which the odometry sees itself from the anchor."""
+        if self._anchor is None or self.odometry.stamp - self._anchor[0].stamp > CATCH_UP:
+            return []
+        odometry, pose = self._anchor
+        return [compose(pose, self.calibration.correct(
+            between(odometry.pose, self.odometry.pose)))]
+
+    def _disagreement(self, match: Match, expected: Array | None = None) -> float:
+        """Squared Mahalanobis distance between a match and the prediction, or another pose."""
+        y = self._innovation(match, self.T_view_base if expected is None else expected)
         return float(y @ np.linalg.solve(self.P + match.covariance, y))
 
-    def _innovation(self, match: Match) -> Array:
-        """Match minus prediction (3,)."""
-        y = match.T_map_scan - self.T_view_base
+    @staticmethod
+    def _innovation(match: Match, expected: Array) -> Array:
+        """Match minus expected pose (3,)."""
+        y = match.T_map_scan - expected
         y[2] = wrap(y[2])
         return y
 
     def _correct(self, match: Match) -> None:
         """Kalman update of the current pose; a slip shows as disagreement and widens P first."""
         P = self.P * max(1.0, self._disagreement(match) / 9.0) + 1e-9 * np.eye(3)
-        R, y = match.covariance, self._innovation(match)
+        R, y = match.covariance, self._innovation(match, self.T_view_base)
         K = P @ np.linalg.inv(P + R)
         x = self.T_view_base + K @ y
         x[2] = wrap(x[2])

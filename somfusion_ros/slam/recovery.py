@@ -1,0 +1,95 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where match and odometry disagree: odometry stalls, catches up, slips and jumps.
+
+Every pose that the robot may be at is tried: where the odometry says, where it coasted to at its
+last velocity, where the odometry says that it is from before the trouble (a base that stalls
+often reports later what it left out), and what a search around these finds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from somfusion_ros.geometry import Array, between
+from somfusion_ros.slam.correlative import search
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.matching import Match, refine, register
+from somfusion_ros.slam.scan import Cloud
+
+SEARCH = (1.2, 1.2)      # [m] [rad] widest window of the search
+STALL = np.array([0.2, 0.5])              # [m] [rad] by which odometry may be wrong at once
+STALL_SPEED = (1.2, 1.5)  # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
+STALL_SIGMA = np.array([1.0, 0.35, 1.0])  # sigmas along [m], across [m], heading [rad]
+IMPLAUSIBLE = 0.4         # share of the score that an implausible pose loses
+DISTINCT = 0.08           # share of points by which a match must win over any other, to be clear
+SAME = (0.15, 0.06)       # [m] [rad] within which two matches are one
+APART = (0.3, 0.3)        # [m] [rad] beyond which an expected pose is searched around, too
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A match, and what it is worth: its inlier ratio times how plausible its pose is."""
+
+    match: Match
+    worth: float
+
+
+def attempts(scan: Cloud, target: LocalMap, first: Match, expected: Sequence[Array],
+             unseen: float, hold: Array) -> list[Attempt]:
+    """
+    Match a scan from every expected pose (3,), the odometry's first, and by search.
+
+    first is the match from the odometry's pose; it stays the first attempt, and the search's is
+    the last. unseen is the time [s] since the last match, which sets the window. hold (3, 3)
+    ties the refinement to the odometry's pose where the surface fixes nothing.
+    """
+    window = np.minimum(SEARCH, STALL + unseen * np.array(STALL_SPEED))
+    plausible = partial(plausibility, expected=expected, window=window)
+    centres: list[Array] = []
+    for pose in expected:
+        if all(not near(pose, other, APART) for other in centres):
+            centres.append(pose)
+    peaks = [search(scan, target, centre, *window, prior=plausible) for centre in centres]
+    peak = max(peaks, key=lambda peak: peak.score)
+    matches = [first, refine(scan, target, expected[0], hold),
+               *(register(scan, target, pose) for pose in expected[1:]),
+               refine(scan, target, peak.pose)]
+    return [Attempt(m, m.inlier_ratio * float(plausible(m.T_map_scan[None])[0]))
+            for m in matches]
+
+
+def plausibility(poses: Array, expected: Sequence[Array], window: Array) -> Array:
+    """
+    Factor (n,) in 0..1 for poses (n, 3): how well they continue one of the expected poses.
+
+    A wheeled robot's odometry that stalls is wrong along the travel and in heading, hardly
+    across. The factor is bounded below, so that a clear match can still overrule it, but it is 0
+    outside the window [m, rad] that the robot's speed sets around every expected pose.
+    """
+    likelihood, possible = np.zeros(len(poses)), np.zeros(len(poses), bool)
+    for pose in expected:
+        d = between(pose, poses)
+        likelihood = np.maximum(likelihood, np.exp(-0.5 * ((d / STALL_SIGMA) ** 2).sum(1)))
+        possible |= ((np.hypot(d[:, 0], d[:, 1]) <= 1.5 * window[0])
+                     & (abs(d[:, 2]) <= 1.2 * window[1]))
+    return possible * (1.0 - IMPLAUSIBLE * (1.0 - likelihood))
+
+
+def rivals(best: Attempt, tried: Sequence[Attempt]) -> bool:
+    """Tell whether another pose is worth nearly as much as the best."""
+    return any(a.worth > best.worth - DISTINCT and not same(a, best) for a in tried)
+
+
+def same(a: Attempt, b: Attempt) -> bool:
+    """Tell whether two attempts ended at one pose."""
+    return near(a.match.T_map_scan, b.match.T_map_scan, SAME)
+
+
+def near(a: Array, b: Array, limit: tuple[float, float]) -> bool:
+    """Tell whether two poses (3,) lie within a limit [m, rad] of one another."""
+    d = between(a, b)
+    return bool(np.hypot(d[0], d[1]) < limit[0] and abs(d[2]) < limit[1])
