@@ -22,11 +22,13 @@ def start_team(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Start the robots robot1, robot2 ... in the order of the bags."""
     bags = LaunchConfiguration('bags').perform(context).split()
     rate = LaunchConfiguration('rate').perform(context)
-    source, entities = PythonLaunchDescriptionSource(str(ROBOT)), []
+    entities: list[LaunchDescriptionEntity] = []
     for number, bag in enumerate(bags, start=1):
         name = f'robot{number}'
+        # A source of its own: a description that was loaded once can be launched only once.
         entities.append(IncludeLaunchDescription(
-            source, launch_arguments={'namespace': name}.items()))
+            PythonLaunchDescriptionSource(str(ROBOT)),
+            launch_arguments={'namespace': name}.items()))
         entities.append(Node(
             package='somfusion_ros', executable='player', name='player', namespace=name,
             output='screen', arguments=[bag, '--rate', rate],
