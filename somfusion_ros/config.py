@@ -12,10 +12,14 @@ from typing import Any
 
 
 def parameter(default: Any, unit: str, low: float | None, high: float | None,
-              description: str) -> Any:
-    """Make a dataclass field that carries its unit, range (None: open) and sentence."""
+              description: str, live: bool = False) -> Any:
+    """
+    Make a dataclass field that carries its unit, range (None: open) and sentence.
+
+    live: a node takes changes of it while it runs, even where its class is read at the start.
+    """
     return field(default=default, metadata={
-        'unit': unit, 'low': low, 'high': high, 'description': description})
+        'unit': unit, 'low': low, 'high': high, 'description': description, 'live': live})
 
 
 def validate(config: Any) -> None:
@@ -116,7 +120,8 @@ class SlamNodeConfig:
         'Frame of the robot, from which the mount of the laser is looked up.')
     map_update_interval: float = parameter(
         5.0, 's', 0.1, 3600.0,
-        'Time between two published maps; shorter shows more, longer saves CPU and network.')
+        'Time between two published maps; shorter shows more, longer saves CPU and network.',
+        live=True)
     transform_publish_period: float = parameter(
         0.05, 's', 0.0, 60.0,
         'Time between two map -> odom transforms; 0 publishes none.')
@@ -144,7 +149,7 @@ class SlamNodeConfig:
         'Mount of the laser on the robot (x, y, yaw); all zero: taken from /tf_static.')
     map_directory: str = parameter(
         '.', '', None, None,
-        'Folder into which save_map writes map.yaml and map.pgm.')
+        'Folder into which save_map writes map.yaml and map.pgm.', live=True)
     state_file: str = parameter(
         '', '', None, None,
         'File from which a restarted node goes on with its map; empty begins a new map always.')
@@ -195,6 +200,10 @@ class FusionNodeConfig:
     minimum_change: float = parameter(
         0.1, '', 0.0, 1.0,
         'A pair is matched again once this share of the walls of one map is new or gone.')
+    plain_map_delay: float = parameter(
+        10.0, 's', 0.0, 3600.0,
+        'A robot with a map is given this time to show a fusion node, which tells little, before '
+        'its whole maps are listened to.')
     known_init_poses: bool = parameter(
         False, '', None, None,
         'Trust initial_poses instead of matching maps; true where the start poses are surveyed.')

@@ -11,10 +11,11 @@ import subprocess
 import sys
 from typing import Any
 
-from helpers import cut_grid, fake_grid, fake_room, need_ros, pose_error, ROOT, ros_environment
+from helpers import (cut_grid, fake_grid, fake_room, furnished_room, need_ros, pose_error, ROOT,
+                     ros_environment)
 import numpy as np
 import pytest
-from somfusion_ros.geometry import apply, Array, between, compose, Pose
+from somfusion_ros.geometry import apply, between, compose, Pose
 from somfusion_ros.grid import Grid
 
 need_ros()
@@ -36,20 +37,9 @@ from std_srvs.srv import Trigger  # noqa: E402
 pytestmark = pytest.mark.system
 # True pose of the walls in each robot's map; what two robots see overlaps, and not more.
 FRAMES = {'robot1': Pose(), 'robot2': Pose(3.0, -2.0, 0.6), 'robot3': Pose(-1.0, 4.0, -2.2)}
-FAST = ('-p', 'estimation_rate:=5.0', '-p', 'merging_rate:=5.0', '-p', 'discovery_rate:=5.0')
+FAST = ('-p', 'estimation_rate:=5.0', '-p', 'merging_rate:=5.0', '-p', 'discovery_rate:=5.0',
+        '-p', 'plain_map_delay:=1.0')
 LIMIT = 10 ** 7
-
-
-def furnished_room() -> Array:
-    """Walls (N, 4) [m] of a room with things in it that no part of the room has twice."""
-    rng, walls = np.random.default_rng(7), [fake_room(14.0, 11.0)]
-    for x in np.arange(1.2, 13.0, 2.3):
-        for y in np.arange(1.0, 9.0, 2.4):
-            w, h = rng.uniform(0.3, 1.4, 2)
-            a, b = x + rng.uniform(0, 0.7), y + rng.uniform(0, 0.7)
-            walls.append([(a, b, a + w, b), (a + w, b, a + w, b + h), (a + w, b + h, a, b + h),
-                          (a, b + h, a, b)])
-    return np.concatenate(walls)
 
 
 WALLS = furnished_room()

@@ -43,6 +43,12 @@ class SharedMap:
         grid = Grid.from_occupancy(values, cells.resolution, cells.T_frame_grid)
         return cls(grid, grid.points(driven))
 
+    def to_cells(self) -> Cells:
+        """Write cells, as they were read."""
+        values = self.grid.to_occupancy()
+        values[tuple(self.grid.point_to_cell(self.driven).T)] = DRIVEN
+        return Cells(values, self.grid.resolution, self.grid.T_frame_grid)
+
     def same_as(self, other: 'SharedMap') -> bool:
         """Tell whether two maps hold the same."""
         one, two = self.grid, other.grid

@@ -20,12 +20,16 @@ from somfusion_ros.ros.peers import (find_peers, Heard, MAP_TYPE, STATE, STATE_T
                                      TRANSFORMS)
 from somfusion_ros.ros.team_link import TeamLink
 
-GRACE = 3.0        # [s] that a robot with a map is given to show a fusion node as well
 MOST_PEERS = 64    # robots that are listened to; a flood of names must not fill the memory
 
 
 class Discovery:
-    """Subscribes to each robot once, and again when it turns out to have a fusion node."""
+    """
+    Subscribes to each robot once, and again when it turns out to have a fusion node.
+
+    teams: robots with a fusion node, now or once; alive: those whose fusion node is there now;
+    present: those that are there now, with or without one.
+    """
 
     def __init__(self, node: Any, name: str, config: FusionNodeConfig, link: TeamLink,
                  intake: Intake) -> None:
@@ -36,6 +40,7 @@ class Discovery:
         self._plain: dict[str, list[Any]] = {}
         self.teams: set[str] = set()
         self.alive: set[str] = set()
+        self.present: set[str] = set()
         intake.heard[name] = Heard()
         node.create_subscription(OccupancyGrid, config.robot_map_topic,
                                  partial(intake.keep, name, 'map'), qos.LATCHED)
@@ -51,10 +56,16 @@ class Discovery:
         for peer in find_peers(topics, self._config.robot_map_topic, MAP_TYPE, self._own_map,
                                peers):
             first = self._first_seen.setdefault(peer, now) if self._room_for(peer) else now
-            if peer not in self._intake.heard and now - first >= GRACE:
+            if peer not in self._intake.heard and now - first >= (
+                    self._config.plain_map_delay):
                 self._listen_to_plain(peer)
-        self.alive = {peer for peer in self._intake.heard if self._node.count_publishers(
-            f'/{peer}/{STATE if peer in self.teams else TRANSFORMS}')}
+        self.alive = self._publishing(TRANSFORMS)
+        self.present = self._publishing(self._config.robot_map_topic)
+
+    def _publishing(self, plain_topic: str) -> set[str]:
+        """Name robots that publish a state, or a plain topic where they have no fusion node."""
+        return {peer for peer in self._intake.heard if self._node.count_publishers(
+            f'/{peer}/{STATE if peer in self.teams else plain_topic}')}
 
     def _room_for(self, peer: str) -> bool:
         """Tell whether one more robot may be listened to."""

@@ -27,6 +27,7 @@ from somfusion_ros.ros.fusion_drawing import fusion_statuses
 from somfusion_ros.ros.fusion_publisher import FusionPublisher
 from somfusion_ros.ros.fusion_session import FusionSession
 from somfusion_ros.ros.intake import Intake
+from somfusion_ros.ros.memory_link import MemoryLink
 from somfusion_ros.ros.runtime import run
 from somfusion_ros.ros.sightings import Sightings
 from somfusion_ros.ros.team_link import TeamLink
@@ -72,6 +73,7 @@ class FusionNode(Node):
         config, waiting = self._config, MutuallyExclusiveCallbackGroup()
         self._publisher = FusionPublisher(self, self._name, config)
         self._link = TeamLink(self, self._intake, self._count)
+        self._memory = MemoryLink(self, self._intake)
         self._discovery = Discovery(self, self._name, config, self._link, self._intake)
         self.create_subscription(PoseWithCovarianceStamped, 'pose',
                                  partial(self._intake.keep_pose, self._name), qos.STREAM)
@@ -90,13 +92,17 @@ class FusionNode(Node):
     def _discover(self) -> None:
         """Listen to every robot that is new, and to the maps that are of use."""
         self._discovery.look()
-        self._link.want(self._session.snapshot.wanted & self._discovery.teams)
+        snapshot = self._session.snapshot
+        self._link.want(snapshot.wanted & self._discovery.teams)
+        self._memory.offer(snapshot.kept_maps)
+        self._memory.fetch(snapshot.sources)
 
     def _work(self) -> bool:
         """Do one piece of work in the worker; tell whether there is more."""
         self._take_messages()
         self._sightings.settle()
-        self._link.say(self._session.refresh().edges, time.monotonic())
+        snapshot = self._session.refresh(self._discovery.present)
+        self._link.say(snapshot.edges, snapshot.kept, time.monotonic())
         self._link.flush()
         self._draw()
         return self._session.attempt(time.monotonic()) is not None

@@ -7,7 +7,7 @@ Nothing here knows a message or a clock; all of it runs in one worker thread. Wh
 need is handed out as snapshots that never change.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,7 @@ from somfusion_ros.config import FusionConfig, FusionNodeConfig
 from somfusion_ros.fusion.alignment import align, Alignment
 from somfusion_ros.fusion.features import Clusters
 from somfusion_ros.fusion.global_map import merge_grids
+from somfusion_ros.fusion.keeping import Keeping, Kept
 from somfusion_ros.fusion.members import Team
 from somfusion_ros.fusion.shared_map import SharedMap
 from somfusion_ros.fusion.team import Edge, Solution
@@ -37,8 +38,9 @@ class Snapshot:
     own_transforms: T_own_peer of the pairs that the robot itself accepted; edges: the same with
     covariances, as peers are told; solution: where all maps lie; verdicts: the newest alignment
     with each peer; words: what became of it; settled: the peers on whose present maps the last
-    word is said; wanted: the peers whose whole maps are of use; jumps: accepted transforms that
-    changed by much.
+    word is said; wanted: the peers whose whole maps are of use; kept, kept_maps: robots that are
+    gone, with their maps; sources: who has the map of a robot that is gone; jumps: accepted
+    transforms that changed by much.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
@@ -48,6 +50,9 @@ class Snapshot:
     words: dict[str, str] = field(default_factory=dict)
     settled: frozenset[str] = frozenset()
     wanted: frozenset[str] = frozenset()
+    kept: tuple[Kept, ...] = ()
+    kept_maps: Mapping[str, SharedMap] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
     jumps: int = 0
 
     def world(self, robot: str) -> dict[str, Pose]:
@@ -66,6 +71,7 @@ class FusionSession:
         self.snapshot = Snapshot()
         self._name, self._config, self._say = name, config, say
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else None)
+        self._keeping = Keeping(self._team)
         self._scouting = Scouting(config.minimum_change)
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
@@ -95,9 +101,10 @@ class FusionSession:
         """Take the clusters of a peer's map."""
         self._scouting.update(peer, clusters)
 
-    def take_edges(self, owner: str, edges: Iterable[Edge]) -> None:
-        """Take all that a peer accepts now."""
+    def take_state(self, owner: str, edges: Iterable[Edge], kept: tuple[Kept, ...]) -> None:
+        """Take all that a peer accepts now, and what it keeps of robots that are gone."""
         self._team.hear(owner, edges)
+        self._keeping.hear(owner, kept)
 
     def add_edge(self, owner: str, edge: Edge) -> None:
         """Take one pair that a peer accepted, beside those that it told before."""
@@ -128,8 +135,10 @@ class FusionSession:
         self._say(f'{self._name} and {peer}: {self._words[peer]}; {verdict.reason}')
         return peer
 
-    def refresh(self) -> Snapshot:
-        """Place all maps anew by what is known now."""
+    def refresh(self, alive: Collection[str] | None = None) -> Snapshot:
+        """Place all maps anew by what is known now, and by who is there, if that is given."""
+        if alive is not None:
+            self._keeping.update(alive)
         solution, pairs = self._team.solution(), self._team.pairs
         for reason in {dropped.reason for dropped in solution.dropped} - self._said:
             self._said.add(reason)
@@ -141,7 +150,8 @@ class FusionSession:
             dict(self._words),
             frozenset({peer for peer, pair in pairs.items() if pair.settled}
                       | self._scouting.unlikely - self._team.maps.keys()),
-            frozenset(self._scouting.likely | connected), self._jumps)
+            frozenset(self._scouting.likely | connected), self._keeping.kept,
+            self._keeping.maps(), dict(self._keeping.sources), self._jumps)
         return self.snapshot
 
     def draw(self) -> Grid | None:

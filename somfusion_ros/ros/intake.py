@@ -77,6 +77,8 @@ class Intake:
         takers = {STATE: self._take_state, CLUSTERS: self._take_clusters,
                   TRANSFORMS: self._take_transform}
         for robot, topic in list(self._inbox):
+            if topic != STATE and time.monotonic() < self.heard[robot].taken_until:
+                continue   # it waits until one robot only uses the name
             message = self._inbox.pop((robot, topic))
             kind = TRANSFORMS if topic.startswith(TRANSFORMS) else topic
             try:
@@ -95,7 +97,7 @@ class Intake:
         else:
             decoder = self._decoders.setdefault(robot, MapDecoder(self._max_cells))
             cells = decoder.decode(bytes_from_message(message))
-        if cells is None or not self._trusted(robot):
+        if cells is None:
             return None
         shared = SharedMap.from_cells(cells)
         if not shared.grid.known.any():
@@ -113,7 +115,7 @@ class Intake:
         state, now = state_from_message(message), time.monotonic()
         if not self.heard[robot].begin(state.session, now):
             raise ValueError(f'two robots are called {robot}; neither is listened to')
-        self._session.take_edges(robot, state.edges)
+        self._session.take_state(robot, state.edges, state.kept)
 
     def _take_transform(self, owner: str, message: TransformStamped) -> None:
         """Take a pair that a robot without a state accepted; nobody tells how well it is known."""
@@ -123,9 +125,4 @@ class Intake:
 
     def _take_clusters(self, robot: str, message: Any) -> None:
         """Take the clusters of a peer's map."""
-        if self._trusted(robot):
-            self._session.take_clusters(robot, clusters_from_message(message))
-
-    def _trusted(self, robot: str) -> bool:
-        """Tell whether one robot only uses a name."""
-        return time.monotonic() >= self.heard[robot].taken_until
+        self._session.take_clusters(robot, clusters_from_message(message))

@@ -13,12 +13,13 @@ from somfusion_ros.geometry import Array, between, compose, compose_jacobians, i
 
 STATE, POSE, MAP, CHANGES = 'team/state', 'team/pose', 'team/map', 'team/map_changes'
 CLUSTERS, TRANSFORMS = 'clusters', 'relative_transforms'
+KEPT = 'team/kept'         # followed by the name of the robot that is gone
 MAP_TYPE, STATE_TYPE = 'nav_msgs/msg/OccupancyGrid', 'std_msgs/msg/String'
 POSES_KEPT = 200
 TRAIL_STEP, TRAIL_KEPT = 0.1, 500   # [m], points: where a robot has been in its own map
 SIGHTING_TOLERANCE = 0.5   # [s] between a sighting and the poses that it is tied to
 SESSIONS_KEPT = 8
-NAME_TAKEN = 30.0          # [s] that a name is not trusted after two robots were heard under it
+NAME_TAKEN = 15.0          # [s] that a name is not trusted after two robots were heard under it
 
 
 class TimedPose(NamedTuple):

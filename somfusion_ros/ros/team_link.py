@@ -17,6 +17,7 @@ from uuid import uuid4
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 from sensor_msgs.msg import PointCloud2
+from somfusion_ros.fusion.keeping import Kept
 from somfusion_ros.fusion.map_stream import MapEncoder
 from somfusion_ros.fusion.shared_map import Cells
 from somfusion_ros.fusion.team import Edge
@@ -63,9 +64,9 @@ class TeamLink:
             for topic in (MAP, CHANGES):
                 self._subscribe(UInt8MultiArray, peer, topic)
 
-    def say(self, edges: Collection[Edge], now: float) -> None:
-        """Tell what the robot accepts, if that changed or was not said for a while."""
-        message = state_message(State(self._session, tuple(edges)))
+    def say(self, edges: Collection[Edge], kept: Collection[Kept], now: float) -> None:
+        """Tell what the robot accepts and keeps, if that changed or was not said for a while."""
+        message = state_message(State(self._session, tuple(edges), tuple(kept)))
         text, at = self._said
         if message.data != text or now - at >= HEARTBEAT:
             self._said = message.data, now

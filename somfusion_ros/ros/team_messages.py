@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from somfusion_ros.fusion.features import Clusters
+from somfusion_ros.fusion.keeping import Kept
 from somfusion_ros.fusion.team import Edge
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.ros.conversions import CLUSTER_FIELDS
@@ -31,18 +32,23 @@ LEAST_VARIANCE, MOST_VARIANCE = 1e-12, 1e12
 
 
 class State(NamedTuple):
-    """What a fusion node accepts now; `session` changes whenever it is started."""
+    """
+    What a fusion node accepts now, and what it keeps of robots that are gone.
+
+    `session` changes whenever the node is started.
+    """
 
     session: str
     edges: tuple[Edge, ...]
+    kept: tuple[Kept, ...] = ()
 
 
 def state_message(state: State) -> String:
     """Write a state; numbers keep every digit, so that all robots compute with the same."""
-    return String(data=json.dumps({'session': state.session, 'edges': [
-        {'target': edge.target, 'source': edge.source, 'kind': edge.kind,
-         'pose': list(edge.T_target_source), 'probability': float(edge.probability),
-         'covariance': edge.covariance[UPPER].tolist()} for edge in state.edges]}))
+    return String(data=json.dumps({
+        'session': state.session, 'edges': [_record(edge) for edge in state.edges],
+        'kept': [{'robot': kept.robot, 'known': kept.known,
+                  'edges': [_record(edge) for edge in kept.edges]} for kept in state.kept]}))
 
 
 def state_from_message(message: String) -> State:
@@ -51,7 +57,9 @@ def state_from_message(message: String) -> State:
         raise ValueError(f'state of {len(message.data)} bytes is over {MAX_STATE}')
     try:
         record = json.loads(message.data)
-        return State(_word(record['session']), tuple(_edge(item) for item in record['edges']))
+        return State(_word(record['session']), _edges(record['edges']), tuple(
+            Kept(_word(item['robot']), int(item['known']), _edges(item['edges']))
+            for item in record['kept']))
     except (KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise ValueError(f'state is not what a fusion node says: {error!r}') from error
 
@@ -84,6 +92,18 @@ def clusters_from_message(cloud: PointCloud2) -> Clusters:
     norms = rows[:, 3:5] * (sure / np.maximum(length, 0.5))[:, None]
     return Clusters(rows[:, :2], np.clip(rows[:, 6], 0.0, 10.0), rows[:, 5].astype(np.intp),
                     np.empty((0, 2), np.intp), norms, sure, sure)
+
+
+def _record(edge: Edge) -> dict[str, Any]:
+    """Write one edge."""
+    return {'target': edge.target, 'source': edge.source, 'kind': edge.kind,
+            'pose': list(edge.T_target_source), 'probability': float(edge.probability),
+            'covariance': edge.covariance[UPPER].tolist()}
+
+
+def _edges(items: Iterable[dict[str, Any]]) -> tuple[Edge, ...]:
+    """Read edges."""
+    return tuple(_edge(item) for item in items)
 
 
 def _edge(item: dict[str, Any]) -> Edge:
