@@ -27,6 +27,8 @@ from live_robot import (BEAMS, GIVEN_MOUNT, OTHER_ROUND, RADIUS, Robot, ROUND,  
                         SEPARATION)
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path as PathMessage  # noqa: E402
 from nav_msgs.srv import GetMap  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from ros_graph import Graph, ros_graph  # noqa: E402
 from somfusion_ros.ros import conversions as convert, qos  # noqa: E402
 from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
@@ -137,6 +139,41 @@ def test_time_set_back_does_not_stop_a_robot(graph: Graph) -> None:
     graph.assert_clean(graph.processes.stop())
 
 
+def test_parameters_change_while_the_node_runs_or_say_why_not(graph: Graph) -> None:
+    robot = Robot(graph, 'robot1', ROUND)
+    robot.start()
+    robot.drive(60)
+    graph.until(lambda: robot.maps, 'a map')
+
+    def change(name: str, value: float) -> Any:
+        made = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[made])
+        return graph.call(SetParameters, '/robot1/slam_node/set_parameters', request).results[0]
+    assert change('resolution', 0.1).successful
+    for name, value, words in (('resolution', 9.0, 'resolution'),
+                               ('wheel_radius', 0.2, 'wheel_radius')):
+        refused = change(name, value)
+        assert not refused.successful
+        assert words in refused.reason
+    assert change('minimum_travel_distance', 1.0).successful
+    robot.drive(100)
+    graph.until(lambda: robot.maps[-1].info.resolution == pytest.approx(0.1), 'a coarser map')
+    assert missing_walls(grid(robot.maps[-1]), robot.true_map()) < 0.1
+    graph.assert_clean(graph.processes.stop())
+
+
+@pytest.mark.parametrize(('given', 'words'), [
+    ('resolution:=-1.0', 'resolution'), ('resolution:=fine', 'resolution'),
+    ('laser_pose:=[1.0]', 'laser_pose'), ('odometry_source:=gps', 'odometry_source')])
+def test_a_wrong_parameter_is_one_sentence_and_status_1(given: str, words: str) -> None:
+    ended = subprocess.run([sys.executable, '-m', 'somfusion_ros.ros.slam_node', '--ros-args',
+                            '-p', given], env=ros_environment(), capture_output=True, text=True,
+                           timeout=60)
+    assert ended.returncode == 1
+    assert words in ended.stderr
+    assert 'Traceback' not in ended.stderr
+
+
 def test_a_robot_that_is_killed_goes_on_with_its_map(graph: Graph, tmp_path: Path) -> None:
     kept = ('-p', f'state_file:={tmp_path}/state/robot1.npz', '-p', 'state_interval:=0.1')
     robot = Robot(graph, 'robot1', ROUND)
@@ -214,6 +251,7 @@ def test_a_played_bag_arrives_whole_and_gives_what_replay_gives(graph: Graph,
         while waiting and buffer.at(waiting[0].stamp) is not None:
             scan = waiting.pop(0)
             expected.append(slam.process(scan, buffer.at(scan.stamp)))
+            buffer.lag = slam.odometry_lag
     graph.until(lambda: values_of(diagnostics).get('scans') == str(len(expected)), 'every scan')
     last = convert.pose_from_message(poses[-1].pose.pose)
     assert convert.seconds(poses[-1].header.stamp) == pytest.approx(expected[-1].stamp, abs=1e-5)

@@ -20,7 +20,8 @@ FILES = {
     'slam.yaml': (
         'Parameters of slam_node. You do not need this file: these are the defaults. Copy the '
         'lines that you change. The wildcard takes the node in any namespace, so one file serves '
-        'every robot.',
+        'every robot. Those of the SLAM, and those marked live, can be changed while the node '
+        'runs (ros2 param set); the others are read at the start.',
         {'The node: frames, times, odometry, files': SlamNodeConfig,
          'SLAM: scans, views, loops, map': SlamConfig}),
     'fusion.yaml': (
@@ -49,7 +50,8 @@ def sentence(item: Field) -> str:
     meta = item.metadata
     low, high = meta['low'], meta['high']
     span = f'{"" if low is None else f"{low:g}"}..{"" if high is None else f"{high:g}"}'
-    notes = [note for note in (meta['unit'], span.strip('.') and span) if note]
+    notes = [note for note in (meta['unit'], span.strip('.') and span,
+                               'live' if meta['live'] else '') if note]
     return meta['description'] + (f' [{"; ".join(notes)}]' if notes else '')
 
 

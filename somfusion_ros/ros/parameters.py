@@ -31,7 +31,7 @@ def descriptor(item: Field, changeable: bool) -> ParameterDescriptor:
     meta = item.metadata
     unit = f' [{meta["unit"]}]' if meta['unit'] else ''
     result = ParameterDescriptor(name=item.name, description=meta['description'] + unit,
-                                 read_only=not changeable)
+                                 read_only=not (changeable or meta['live']))
     kind = type(item.default)
     bounded = meta['low'] is not None or meta['high'] is not None
     if bounded and kind in UNBOUNDED:

@@ -54,6 +54,12 @@ class Session:
             self._jumps = {'scan': 0, 'odometry': 0}
             self._hold_until = -np.inf
 
+    def configure(self, config: SlamConfig) -> None:
+        """Take changed parameters of the SLAM, for this map and those after it."""
+        with self._lock:
+            self._config = config
+            self.slam.configure(config)
+
     def add_odometry(self, stamp: float, pose: Array, wheels: Array | None = None) -> None:
         """Take T_odom_base (3,) at a stamp [s]."""
         with self._lock:

@@ -11,19 +11,20 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
-from sensor_msgs.msg import JointState, LaserScan
+from sensor_msgs.msg import LaserScan
 from somfusion_ros.config import SlamConfig, SlamNodeConfig
-from somfusion_ros.geometry import Pose
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import parameters, qos
 from somfusion_ros.ros.diagnostics import Faults
+from somfusion_ros.ros.odometry_input import OdometryInput
 from somfusion_ros.ros.runtime import run
 from somfusion_ros.ros.session import Session
 from somfusion_ros.ros.slam_publisher import SlamPublisher
@@ -31,7 +32,6 @@ from somfusion_ros.ros.slam_status import Last, silence, slam_status
 from somfusion_ros.ros.state_keeper import StateKeeper
 from somfusion_ros.ros.tf import Mounts
 from somfusion_ros.ros.worker import Worker
-from somfusion_ros.slam.motion import WheelOdometry
 from somfusion_ros.tools.frame_tree import Mount
 from somfusion_ros.tools.maps import write_map
 from std_srvs.srv import Trigger
@@ -51,9 +51,10 @@ class SlamNode(Node):
         self._keeper = StateKeeper(self._config.state_file, self._config.state_interval,
                                    self._count, self.get_logger().info)
         state = self._keeper.load()
-        self._session = Session(parameters.declare(self, SlamConfig),
-                                self._config.transform_timeout, self._count, state)
-        self._wheels = WheelOdometry(self._config.wheel_radius, self._config.wheel_separation)
+        self._slam_config = parameters.declare(self, SlamConfig, changeable=True)
+        self._session = Session(self._slam_config, self._config.transform_timeout, self._count,
+                                state)
+        self.add_on_set_parameters_callback(self._on_parameters)
         self._publisher = SlamPublisher(self, self._config)
         self._mounts = Mounts(self, Pose.from_array(self._config.laser_pose))
         self._ticks = 0
@@ -78,14 +79,10 @@ class SlamNode(Node):
 
     def _make_interfaces(self) -> None:
         """Make every topic, service and timer; all names are relative."""
-        options = {'qos_overriding_options': qos.overridable()}
-        self.create_subscription(LaserScan, 'scan', self._on_scan, qos.SENSOR_DATA, **options)
-        if self._config.odometry_source == 'odom':
-            self.create_subscription(Odometry, 'odom', self._on_odometry, qos.SENSOR_DATA,
-                                     **options)
-        else:
-            self.create_subscription(JointState, 'joint_states', self._on_joint_states,
-                                     qos.SENSOR_DATA, **options)
+        scans = self.create_subscription(LaserScan, 'scan', self._on_scan, qos.SENSOR_DATA,
+                                         qos_overriding_options=qos.overridable())
+        self._odometry = OdometryInput(self, self._config, self._on_odometry, self._count)
+        self._inputs = f'{scans.topic_name}, {self._odometry.topic}'
         # A group of its own: while it waits for the worker, the other callbacks go on.
         self.create_service(Trigger, '~/save_map', self._save_map,
                             callback_group=MutuallyExclusiveCallbackGroup())
@@ -122,30 +119,9 @@ class SlamNode(Node):
                                   'set laser_pose')
         return mount
 
-    def _on_odometry(self, message: Odometry) -> None:
+    def _on_odometry(self, stamp: float, pose: Array, wheels: Array | None) -> None:
         """Keep a pose of the wheel odometry."""
-        try:
-            stamp, pose = convert.odometry_from_message(message)
-        except ValueError as error:
-            self._count('odometry_not_finite', str(error))
-            return
-        self._last.odometry_heard = time.monotonic()
-        self._session.add_odometry(stamp, pose)
-        self._tracker.wake()
-
-    def _on_joint_states(self, message: JointState) -> None:
-        """Integrate the two wheels; other joints may come in messages of their own."""
-        config = self._config
-        if config.left_wheel_joint not in message.name and message.name:
-            return
-        try:
-            stamp, wheels = convert.wheels_from_message(
-                message, config.left_wheel_joint, config.right_wheel_joint)
-        except ValueError as error:
-            self._count('wheels_unusable', str(error))
-            return
-        self._last.odometry_heard = time.monotonic()
-        self._session.add_odometry(stamp, self._wheels.update(*wheels), wheels)
+        self._session.add_odometry(stamp, pose, wheels)
         self._tracker.wake()
 
     def _process(self) -> bool:
@@ -196,17 +172,23 @@ class SlamNode(Node):
 
     def _report(self) -> None:
         """Tell /diagnostics how the node is doing, and the log where nothing comes out."""
+        self._last.odometry_heard = self._odometry.heard
         kind, reason = silence(self._last, time.monotonic())
         if kind:
-            self._count(kind, f'{reason} (on {self._inputs()})', PATIENCE)
+            self._count(kind, f'{reason} (on {self._inputs})', PATIENCE)
         self._publisher.diagnostics(slam_status(
             self.get_fully_qualified_name().lstrip('/'), self.get_namespace(), self._last,
             self._session.slam, self._count.counts(), time.monotonic()))
 
-    def _inputs(self) -> str:
-        """Name what the node listens to, as remapped."""
-        odometry = {'odom': 'odom', 'encoders': 'joint_states'}[self._config.odometry_source]
-        return ', '.join(self.resolve_topic_name(name) for name in ('scan', odometry))
+    def _on_parameters(self, changes: list[Any]) -> Any:
+        """Take live changes, all or none."""
+        config, result = parameters.change(self._config, changes)
+        if result.successful:
+            self._slam_config, result = parameters.change(self._slam_config, changes)
+        if result.successful:
+            self._config = config
+            self._session.configure(self._slam_config)
+        return result
 
     def _on_worker_error(self, error: Exception) -> None:
         self._count('worker_errors', repr(error))

@@ -48,6 +48,14 @@ class Slam:
         if state is not None:
             self._resume(state)
 
+    def configure(self, config: SlamConfig) -> None:
+        """Take changed parameters; at another resolution the map is drawn anew."""
+        with self._lock:
+            self.config = self._tracker.config = config
+        with self._map_lock:
+            if config.resolution != self._mapper.resolution:
+                self._mapper = Mapper(config.resolution)
+
     def process(self, scan: Scan, odometry: Odometry) -> Step:
         """Follow the robot through one scan; bad input is counted and changes nothing."""
         self.counters['scans'] += 1

@@ -54,7 +54,7 @@ class Tracker:
     """Follows the robot from the last view."""
 
     def __init__(self, config: SlamConfig) -> None:
-        self._config = config
+        self.config = config
         self._noise = MotionNoise()
         self._map: LocalMap | None = None
         self.odometry: Odometry | None = None
@@ -113,7 +113,7 @@ class Tracker:
             ratio = match.inlier_ratio
             if matched:
                 self._correct(match)
-                if not (reason or was_lost) and ratio >= self._config.doubtful_inlier_ratio:
+                if not (reason or was_lost) and ratio >= self.config.doubtful_inlier_ratio:
                     self.calibration.learn(previous, odometry,
                                            between(before, self.T_view_base))
             else:
@@ -155,7 +155,7 @@ class Tracker:
         hold = np.linalg.inv(LOOSE ** 2 * (self.P + 1e-6 * np.eye(3)))
         match = register(scan, self._map, seed, hold)
         doubtful = jumped or self.lost
-        if (not doubtful and match.inlier_ratio >= self._config.doubtful_inlier_ratio
+        if (not doubtful and match.inlier_ratio >= self.config.doubtful_inlier_ratio
                 and self._disagreement(match) < DOUBT):
             return match, True
         coasted = compose(before, self._velocity * self._dt)
@@ -167,19 +167,20 @@ class Tracker:
         ratio = best.match.inlier_ratio
         stalled = ratio < SUDDEN * self._usual and not near(seed, coasted, BROKE)
         if not (doubtful or stalled) and self._disagreement(best.match) < DOUBT:
-            return best.match, ratio >= self._config.minimum_inlier_ratio
-        return best.match, self._found(best, tried)
+            return best.match, ratio >= self.config.minimum_inlier_ratio
+        return best.match, self._found(best, tried, expected)
 
-    def _found(self, best: Attempt, tried: list[Attempt]) -> bool:
+    def _found(self, best: Attempt, tried: list[Attempt], expected: list[Array]) -> bool:
         """
         Tell whether a match is clear enough to overrule the odometry; else become lost.
 
-        Less of the scan is enough where the first match, from the odometry, and the last, from
-        the search, confirm one another.
+        Less of the scan is enough where the search finds the same, and it is near where the robot
+        coasted to or the odometry caught up.
         """
-        confirmed = all(same(best, a) for a in (tried[0], tried[-1]))
-        enough = (self._config.minimum_inlier_ratio if confirmed
-                  else self._config.doubtful_inlier_ratio)
+        confirmed = same(best, tried[-1]) and any(
+            near(best.match.T_map_scan, pose, BROKE) for pose in expected[1:])
+        enough = (self.config.minimum_inlier_ratio if confirmed
+                  else self.config.doubtful_inlier_ratio)
         found = best.match.inlier_ratio >= enough and not rivals(best, tried)
         if not found and not self.lost:
             self.P = self.P + np.diag(LOST_SIGMA) ** 2
