@@ -15,6 +15,7 @@ REACHED = 0.30             # [m] from a way point
 ACCELERATION = 0.6         # [m/s^2]
 TURN_RATE = 1.0            # [rad/s]
 TICK = 2.0 * np.pi / 2000  # [rad] of one encoder tick
+SLIP = 0.01                # [m] of a wheel's random slip after one metre
 
 
 @dataclass(frozen=True)
@@ -64,11 +65,13 @@ def follow(route: Array, heading: float, speed: float, duration: float) -> tuple
     return STEP * np.arange(len(poses)), np.array(poses)
 
 
-def encoders(poses: Array, wheels: Wheels, rng: np.random.Generator) -> Array:
+def encoders(poses: Array, wheels: Wheels, rng: np.random.Generator,
+             slip: float = SLIP) -> Array:
     """
     Wheel positions (T, 2) left, right [rad] along true poses (T, 3), in whole ticks.
 
-    Each wheel slips at random: 1 cm after one metre, growing with the root of its travel.
+    Each wheel slips at random: by `slip` [m] after one metre, growing with the root of its
+    travel.
     """
     turn = wrap(np.diff(poses[:, 2]))
     chord = np.diff(poses[:, :2], axis=0)
@@ -76,7 +79,7 @@ def encoders(poses: Array, wheels: Wheels, rng: np.random.Generator) -> Array:
     travel = chord[:, 0] * np.cos(middle) + chord[:, 1] * np.sin(middle)
     both = np.column_stack([travel - 0.5 * wheels.separation * turn,
                             travel + 0.5 * wheels.separation * turn])
-    both += rng.normal(size=both.shape) * 0.01 * np.sqrt(np.abs(both))
+    both += rng.normal(size=both.shape) * slip * np.sqrt(np.abs(both))
     angles = np.cumsum(both / (wheels.left, wheels.right), axis=0)
     return np.rint(np.vstack([np.zeros(2), angles]) / TICK) * TICK
 

@@ -15,11 +15,12 @@ import numpy as np
 from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.slam.motion import WheelOdometry
 from somfusion_ros.slam.scan import Scan
-from somfusion_ros.tools import drive, laser
+from somfusion_ros.tools import drive
 from somfusion_ros.tools.bag_writer import BagWriter
 from somfusion_ros.tools.bags import BagError
 from somfusion_ros.tools.console import progress_bar, say
 from somfusion_ros.tools.floor_plan import FloorPlan, PLANS
+from somfusion_ros.tools.laser import Laser, Scene
 from somfusion_ros.tools.result import make_folder, pose_record
 from somfusion_ros.tools.trajectories import write_tum
 
@@ -27,6 +28,7 @@ EPOCH = 1000.0             # [s] stamp at which the robots are switched on
 ODOMETRY_PERIOD = 0.05     # [s]
 JITTER = 0.08              # [m] spread of the way points
 TRUTH = 'truth.json'
+LASER = Laser()
 
 
 @dataclass(frozen=True)
@@ -102,15 +104,15 @@ def write_bag(folder: Path, name: str, plan: FloorPlan, run: Run, storage: str,
               rng: np.random.Generator) -> None:
     """Write what the robot's sensors tell, in the order of time."""
     with BagWriter(folder, storage) as bag, \
-            progress_bar(name, int(run.stamps[-1] / laser.PERIOD) + 1, 'scan') as bar:
-        bag.mount(EPOCH, laser.MOUNT, laser.HEIGHT)
+            progress_bar(name, int(run.stamps[-1] / LASER.period) + 1, 'scan') as bar:
+        bag.mount(EPOCH, LASER.mount, LASER.height)
         scans = scans_of(plan, run, rng)
         scan = next(scans)
         for stamp, pose, twist, wheels in odometry_of(run):
             bag.wheels(stamp, wheels)
             bag.odometry(stamp, pose, twist)
             while scan is not None and scan.stamp <= stamp:
-                bag.scan(scan, laser.PERIOD)
+                bag.scan(scan, LASER.period)
                 bar.update()
                 scan = next(scans, None)
 
@@ -127,12 +129,10 @@ def odometry_of(run: Run) -> Iterator[tuple[float, Array, Array, Array]]:
 
 def scans_of(plan: FloorPlan, run: Run, rng: np.random.Generator) -> Iterator[Scan]:
     """Yield the scans; the robot moves on while the mirror turns."""
-    beams = laser.beam_times()
-    for start in np.arange(0.0, run.stamps[-1] - laser.PERIOD, laser.PERIOD):
+    beams, scene = LASER.beam_times(), Scene(plan.segments)
+    for start in np.arange(0.0, run.stamps[-1] - LASER.period, LASER.period):
         poses = drive.at(run.stamps, run.poses, start + beams)
-        yield Scan(EPOCH + start, laser.measure(plan.segments, poses, rng), laser.ANGLE_MIN,
-                   laser.ANGLE_INCREMENT, laser.RANGE_MIN, laser.RANGE_MAX,
-                   laser.TIME_INCREMENT, laser.MOUNT)
+        yield LASER.scan(EPOCH + start, scene, poses, rng)
 
 
 def truth_record(starts: dict[str, Pose], options: SimulationOptions) -> dict[str, Any]:
