@@ -155,33 +155,46 @@ class Lab:
         """Name the robots that a robot is connected with, itself among them."""
         return set(self.status(robot).get('connected', '').split(', ')) - {'nobody', ''}
 
-    def until(self, condition: Callable[[], Any], what: str, timeout: float = SETTLED) -> float:
+    def until(self, condition: Callable[[], Any], what: Callable[[], str], timeout: float = SETTLED) -> float:
         """Wait for a condition; return the time [s] that it took."""
         start = time.monotonic()
         while not condition():
             self.assert_alive()
             passed = time.monotonic() - start
-            assert passed < timeout, f'not within {timeout} s: {what}\n{self.words()}'
+            assert passed < timeout, f'not within {timeout} s: {what()}\n{self.words()}'
             time.sleep(0.5)
         return time.monotonic() - start
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass; every process must live through it."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.assert_alive()
+            time.sleep(0.5)
+
+    def equal_within(self, robots: Iterable[str]) -> bool:
+        """Tell whether some robots show the same global map now."""
+        maps = [self.global_map(robot) for robot in robots]
+        return all(equal_share(maps[0], other) >= EQUAL for other in maps)
 
     def until_equal(self, robots: Iterable[str], team: Iterable[str] | None = None,
                     timeout: float = SETTLED) -> float:
         """Wait until robots are connected with all of a team and show the same global map."""
-        robots, worst = sorted(robots), {'equal': 0.0}
+        robots, worst = sorted(robots), {}
         team = set(team or robots)
 
         def equal() -> bool:
-            if any(self.connected(robot) != team for robot in robots):
+            worst['connected'] = {robot: sorted(self.connected(robot)) for robot in robots}
+            if any(set(found) != team for found in worst['connected'].values()):
                 return False
             maps = [self.global_map(robot) for robot in robots]
             if any(one is None for one in maps):
                 return False
-            worst['equal'] = min(equal_share(maps[0], other) for other in maps)
+            worst['equal'] = [equal_share(maps[0], other) for other in maps]
             worst['shown'] = min(self._shown(maps[0], robot, min(team)) for robot in team)
-            return worst['equal'] >= EQUAL and worst['shown'] >= SHOWN
-        return self.until(equal, f'the global maps of {robots} equal, of all of {sorted(team)}: '
-                          f'{worst}', timeout)
+            return min(worst['equal']) >= EQUAL and worst['shown'] >= SHOWN
+        return self.until(equal, lambda: f'the global maps of {robots} equal, of all of '
+                          f'{sorted(team)}: {worst}', timeout)
 
     def _shown(self, merged: Cells, robot: str, world: str) -> float:
         """Share of what a robot published last that a global map knows, at its true place."""

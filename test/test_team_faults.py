@@ -67,8 +67,9 @@ def test_time_may_jump_back(lab: Lab) -> None:
 def test_two_robots_of_one_name_are_noticed_and_hurt_nobody_else(lab: Lab) -> None:
     lab.start('second robot3', namespace='robot3')
     lab.until(lambda: int(lab.status('robot1').get('state_of_robot3_unusable', 0)) > 0,
-              'robot1 notices two robots called robot3')
-    lab.until(lambda: int(lab.status('robot3').get('name_taken', 0)) > 0, 'robot3 notices it too')
+              lambda: 'robot1 notices two robots called robot3')
+    lab.until(lambda: int(lab.status('robot3').get('name_taken', 0)) > 0,
+              lambda: 'robot3 notices it too')
     assert {'robot1', 'robot2'} <= lab.connected('robot1')
     assert lab.end('second robot3') == 0
     lab.until_equal(TEAM, [*TEAM, 'robot4'])
