@@ -65,6 +65,7 @@ setup(
             'flake8-import-order',
             'flake8-quotes',
             'hypothesis',
+            'mypy',
             'pytest',
         ],
     },

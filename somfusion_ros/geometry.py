@@ -8,12 +8,13 @@ A pose is three numbers x [m], y [m], theta [rad], counter-clockwise positive, w
 take a `Pose` or arrays whose last axis holds (x, y, theta), and broadcast over leading axes.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]   # of numbers; most are double precision, images and grids single
 
 
 class Pose(NamedTuple):
@@ -24,7 +25,7 @@ class Pose(NamedTuple):
     theta: float = 0.0
 
     @classmethod
-    def from_array(cls, values: ArrayLike) -> 'Pose':
+    def from_array(cls, values: Iterable[float]) -> 'Pose':
         """Make a pose of three numbers; ValueError unless they are finite."""
         x, y, theta = (float(v) for v in values)
         if not np.isfinite((x, y, theta)).all():

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two maps in, their relative pose with a verdict out: the paper's pipeline in order."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -153,10 +154,10 @@ def trace(target: Grid, source: Grid, config: FusionConfig | None = None,
           rng: np.random.Generator | None = None) -> Trace:
     """Return `align` together with its intermediate products, for figures."""
     config = config or FusionConfig()
-    parts = [map_trace(learn(grid, config)) for grid in (target, source)]
+    first, second = (map_trace(learn(grid, config)) for grid in (target, source))
     alignment = align(target, source, config, rng)
-    return Trace(alignment, *parts, orientation.correlate(*(part.histogram for part in parts)),
-                 alignment.performance_index)
+    correlation = orientation.correlate(first.histogram, second.histogram)
+    return Trace(alignment, first, second, correlation, alignment.performance_index)
 
 
 class Clock:
@@ -174,7 +175,8 @@ class Clock:
 
 
 def _report(pose: Array, covariance: Array, verdict: verdicts.Verdict,
-            evidence: verification.Evidence, J: Array, poses: Array, clock: Clock) -> Alignment:
+            evidence: verification.Evidence, J: Iterable[float], poses: Array,
+            clock: Clock) -> Alignment:
     """Put the answer together."""
     rival = None if verdict.rival is None else RunnerUp(
         Pose.from_array(poses[verdict.rival]), verdict.rival_probability)

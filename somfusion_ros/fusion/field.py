@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from somfusion_ros.fusion.features import Raster
-from somfusion_ros.geometry import apply, Array, compose, inverse
+from somfusion_ros.geometry import apply, Array, inverse, Pose
 from somfusion_ros.grid import Grid
 
 FREE = 0.5     # mean evidence from which a block of cells counts as free
@@ -53,7 +53,7 @@ def nearest(points: Array, cell: float, margin: float) -> Raster:
                                                labelType=cv2.DIST_LABEL_PIXEL)
     owner = np.zeros(label.max() + 1, np.int32)
     owner[label[y, x]] = np.arange(len(points))
-    return Raster(owner[label], cell, compose((*low, 0.0), (0.0, 0.0, 0.0)), -1)
+    return Raster(owner[label], cell, Pose(low[0], low[1]), -1)
 
 
 def _mark(walls: Array, grid: Grid, size: float, shape: tuple[int, int]) -> Array:

@@ -142,7 +142,7 @@ def _header(kind: bytes, cells: Cells, key: bytes, corner: tuple[int, int],
 def _digest(cells: Cells) -> bytes:
     """Eight bytes that no other map has."""
     geometry = struct.pack('<2I4d', *cells.values.shape, cells.resolution, *cells.T_frame_grid)
-    return blake2b(np.ascontiguousarray(cells.values), digest_size=8, person=b'map',
+    return blake2b(np.ascontiguousarray(cells.values).data, digest_size=8, person=b'map',
                    salt=blake2b(geometry, digest_size=16).digest()).digest()
 
 

@@ -119,7 +119,8 @@ class Team:
         edges = [edge for sighted in self._sighted.values() for edge in sighted]
         for peer, pair in self.pairs.items():
             if pair.held is not None:
-                edges.append(Edge(*sorted((self.name, peer)), pair.held.T_target_source,
+                target, source = sorted((self.name, peer))
+                edges.append(Edge(target, source, pair.held.T_target_source,
                                   pair.held.covariance, pair.held.probability))
         return edges
 

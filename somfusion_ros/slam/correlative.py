@@ -94,14 +94,14 @@ def _cells(points: Array, turns: Array, offset: Array, margin: int, half: int,
     return np.clip(cells, 0, np.array(shape) - (2 * half + BLOCK) - 1)
 
 
-def _block_scores(bound: NDArray[np.float32], cells: NDArray[np.intp], half: int) -> Array:
+def _block_scores(bound: Array, cells: NDArray[np.intp], half: int) -> Array:
     """Upper bound of the score (A, B, B) of every turn and coarse translation."""
     side = 2 * half + 1
     windows = sliding_window_view(bound, (side, side))[:, :, ::BLOCK, ::BLOCK]
     return np.stack([windows[turn[:, 0], turn[:, 1]].mean(0) for turn in cells])
 
 
-def _open(fine: NDArray[np.float32], cells: NDArray[np.intp], row: NDArray[np.intp],
+def _open(fine: Array, cells: NDArray[np.intp], row: NDArray[np.intp],
           column: NDArray[np.intp]) -> Array:
     """Scores (K, BLOCK, BLOCK) of the fine translations inside K coarse nodes."""
     windows = sliding_window_view(fine, (BLOCK, BLOCK))

@@ -37,7 +37,7 @@ def save_state(path: str | Path, state: State) -> None:
     clouds = {id(c): c for c in (*m.clouds, *(s.cloud for s in m.scans))}
     place = {key: index for index, key in enumerate(clouds)}
     views, hung = [s.view for s in m.scans], [s.T_view_base for s in m.scans]
-    arrays = {
+    arrays: dict[str, Any] = {
         'version': np.array(VERSION), 'poses': state.poses, 'stamps': np.array(m.stamps),
         'relations': np.array([(r.first, r.second) for r in m.relations], int).reshape(-1, 2),
         'z': np.array([r.z for r in m.relations]).reshape(-1, 3),
