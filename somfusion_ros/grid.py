@@ -9,6 +9,7 @@ nav_msgs/OccupancyGrid; cell (row, column) covers [column, column + 1) x [row, r
 resolution in the grid's own frame, which `T_frame_grid` places in the map frame.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,7 +46,7 @@ class Grid:
 
     @classmethod
     def from_occupancy(cls, cells: ArrayLike, resolution: float,
-                       origin: ArrayLike = (0.0, 0.0, 0.0)) -> 'Grid':
+                       origin: Iterable[float] = (0.0, 0.0, 0.0)) -> 'Grid':
         """
         Convert nav_msgs/OccupancyGrid cells.
 
@@ -104,7 +105,7 @@ class Grid:
         return np.floor(local / self.resolution).astype(np.intp)[:, ::-1]
 
 
-def _check(cells: ArrayLike, resolution: float, origin: ArrayLike) -> None:
+def _check(cells: ArrayLike, resolution: float, origin: Iterable[float]) -> None:
     """Raise ValueError, naming what is wrong, unless the parts make a grid."""
     shape = np.shape(cells)
     if len(shape) != 2 or 0 in shape:
