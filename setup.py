@@ -31,6 +31,7 @@ setup(
         'numpy',
         'opencv-python-headless',
         'pyyaml',
+        'rich',
         'rosbags',
         'scipy',
         'tqdm',

@@ -124,7 +124,7 @@ def test_readme_names_every_topic_and_service_of_the_nodes() -> None:
     text = (ROOT / 'README.md').read_text(encoding='utf-8')
     made = set()
     for path in (ROOT / 'somfusion_ros' / 'ros').glob('*.py'):
-        if path.stem not in ('player', 'witness'):
+        if path.stem not in ('player', 'watch', 'witness'):
             source = path.read_text(encoding='utf-8')
             made |= set(re.findall(
                 r"create_(?:publisher|subscription|service)\(\s*\w+,\s*'([~/\w]+)'", source))
@@ -145,5 +145,5 @@ def test_commands_say_how_they_are_used() -> None:
     result = subprocess.run([sys.executable, '-m', 'somfusion_ros.tools.cli', '--help'],
                             cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert result.returncode == 0
-    for command in ('replay', 'merge', 'simulate', 'report'):
+    for command in ('replay', 'merge', 'simulate', 'report', 'watch'):
         assert command in result.stdout

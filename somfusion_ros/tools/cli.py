@@ -1,9 +1,11 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command `somfusion`: replay, merge, simulate, report."""
+"""The command `somfusion`: replay, merge, simulate, report, watch."""
 
 import argparse
 from collections.abc import Sequence
+import importlib.util
+import os
 import sys
 
 from somfusion_ros import __version__
@@ -15,7 +17,11 @@ BAD_INPUT = 2
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return 0 when it ran, 2 on bad usage or input."""
-    options = parser().parse_args(arguments)
+    described = parser()
+    options, more = described.parse_known_args(arguments)
+    if more and options.command != 'watch':
+        described.error(f'unrecognized arguments: {" ".join(more)}')
+    options.more = more
     try:
         options.run(options)
     except (ValueError, OSError) as error:
@@ -38,6 +44,7 @@ def parser() -> argparse.ArgumentParser:
     _add_merge(commands)
     _add_simulate(commands)
     _add_report(commands)
+    _add_watch(commands)
     return top
 
 
@@ -113,6 +120,13 @@ def _add_report(commands: argparse._SubParsersAction) -> None:
     command.set_defaults(run=_report)
 
 
+def _add_watch(commands: argparse._SubParsersAction) -> None:
+    """Describe `watch`; its options are its own program's."""
+    command = commands.add_parser(
+        'watch', help='live maps of a team in the terminal', add_help=False)
+    command.set_defaults(run=_watch)
+
+
 def _add_output(command: argparse.ArgumentParser) -> None:
     """Add the output folder."""
     command.add_argument('--output', required=True, metavar='DIR', help='folder for the results')
@@ -172,6 +186,14 @@ def _report(options: argparse.Namespace) -> None:
     """Run `report`."""
     from somfusion_ros.tools.report import report
     report(options.folder)
+
+
+def _watch(options: argparse.Namespace) -> None:
+    """Become `watch`, which needs ROS as nothing else here does."""
+    if importlib.util.find_spec('rclpy') is None:
+        raise ValueError('rclpy is missing: source ROS 2 Jazzy, or pip install somfusion_ros[ros]')
+    os.execv(sys.executable, [sys.executable, '-m', 'somfusion_ros.ros.watch',
+                              *options.more])
 
 
 def _pose(text: str) -> Pose:
