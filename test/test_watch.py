@@ -84,6 +84,8 @@ def test_robots_reasons_and_figures_are_named() -> None:
     words = shown(both)
     assert MARK in words
     assert re.search(r'robot1/fusion_node: robot2 +walls agree 40 % +V 61', words)
+    both.health['robot1/fusion_node: robot2'] = Health(1, 'a long reason ' * 20, {'V': '61'})
+    assert 'robot1/fusion_node: robot2' in shown(both)
     assert team_colours(sorted(FRAMES))['robot1'] != team_colours(sorted(FRAMES))['robot2']
 
 

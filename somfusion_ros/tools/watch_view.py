@@ -85,8 +85,9 @@ def map_panel(team: Team, group: Mapping[str, Pose], width: int, height: int) ->
 def health_table(team: Team) -> Table:
     """List every node and pair with its state and the reason for it."""
     table = Table(box=None, padding=(0, 2, 0, 0), expand=True)
-    for column in ('who', 'state', 'figures'):
-        table.add_column(column, overflow='ellipsis', no_wrap=True)
+    table.add_column('who', no_wrap=True, min_width=max(map(len, team.health), default=3))
+    for column, ratio in (('state', 3), ('figures', 2)):
+        table.add_column(column, overflow='ellipsis', no_wrap=True, ratio=ratio)
     for name, health in sorted(team.health.items()):
         table.add_row(name, Text(health.message, LEVELS.get(health.level, 'red')),
                       figures(health.values))
