@@ -155,7 +155,8 @@ class Lab:
         """Name the robots that a robot is connected with, itself among them."""
         return set(self.status(robot).get('connected', '').split(', ')) - {'nobody', ''}
 
-    def until(self, condition: Callable[[], Any], what: Callable[[], str], timeout: float = SETTLED) -> float:
+    def until(self, condition: Callable[[], Any], what: Callable[[], str],
+              timeout: float = SETTLED) -> float:
         """Wait for a condition; return the time [s] that it took."""
         start = time.monotonic()
         while not condition():

@@ -171,14 +171,14 @@ def test_noise_of_any_kind_raises_nothing_but_value_errors() -> None:
 
 
 def test_where_a_robot_has_driven_travels_with_its_map() -> None:
-    path = [(1.0, 1.0), (3.0, 1.0), (3.0, 2.0), (100.0, 100.0)]
+    path = [(1.0, 1.0), (2.0, 1.0), (3.0, 1.0), (3.0, 2.0), (100.0, 100.0), (1e300, 0.0)]
     marked = mark_driven(CELLS, path)
     encoder = MapEncoder()
     encoder.encode(marked)
     shared = SharedMap.from_cells(MapDecoder(LIMIT).decode(encoder.key))
-    near = np.abs(shared.driven[:, None] - np.array(path[:3])).max(-1).min(0)
+    near = np.abs(shared.driven[:, None] - np.array(path[:4])).max(-1).min(0)
     assert (near <= ROOM.resolution).all()
-    assert len(shared.driven) >= np.count_nonzero(marked.values == DRIVEN) > 60
+    assert len(shared.driven) >= np.count_nonzero(marked.values == DRIVEN) > 35
     assert (shared.grid.evidence[marked.values != DRIVEN]
             == ROOM.evidence[marked.values != DRIVEN]).all()
 

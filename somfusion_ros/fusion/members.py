@@ -101,9 +101,16 @@ class Team:
         return word
 
     def hear(self, owner: str, edges: Iterable[Edge]) -> None:
-        """Take in all that a peer accepts now about its own map; what it no longer says goes."""
+        """
+        Take in all that a peer accepts now about its own map; what it no longer says goes.
+
+        It has one voice per pair, so that saying a thing twice does not outweigh the others.
+        """
         if owner != self.name:
-            self._heard[owner] = tuple(edge for edge in edges if owner in edge.robots)
+            own = [edge for edge in edges if owner in edge.robots]
+            matches = {frozenset(edge.robots): edge for edge in own if edge.kind == 'match'}
+            sightings = [edge for edge in own if edge.kind != 'match']
+            self._heard[owner] = (*matches.values(), *sightings)
 
     def heard_of(self, owner: str) -> tuple[Edge, ...]:
         """Give what a peer said last."""

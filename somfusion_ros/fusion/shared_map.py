@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import FREE, Grid
 
+FINEST, COARSEST = 0.001, 5.0   # [m] edge of a cell that a map can have
+FARTHEST = 1e5                  # [m] between a map's origin and its frame's
+LEAP = 1.0                      # [m] between two places of a path that is not driven straight
 DRIVEN = -2           # value of a cell in which the robot's centre has been
 
 
@@ -37,7 +40,8 @@ class SharedMap:
 
     @classmethod
     def from_cells(cls, cells: Cells) -> 'SharedMap':
-        """Read cells; ValueError, naming what is wrong, where they make no grid."""
+        """Read cells; ValueError, naming what is wrong, where they make no map of a robot."""
+        check(cells)
         driven = cells.values == DRIVEN
         values = np.where(driven, FREE, cells.values) if driven.any() else cells.values
         grid = Grid.from_occupancy(values, cells.resolution, cells.T_frame_grid)
@@ -57,10 +61,20 @@ class SharedMap:
                 and np.array_equal(self.driven, other.driven))
 
 
+def check(cells: Cells) -> None:
+    """Raise ValueError, naming what is wrong, on a geometry that no robot's map has."""
+    if not FINEST <= cells.resolution <= COARSEST:
+        raise ValueError(f'resolution {cells.resolution:.3g} m is outside [{FINEST}, {COARSEST}]')
+    if not max(abs(cells.T_frame_grid.x), abs(cells.T_frame_grid.y)) <= FARTHEST:
+        raise ValueError(f'origin {tuple(cells.T_frame_grid)} is over {FARTHEST:.0f} m away')
+
+
 def mark_driven(cells: Cells, path: Iterable[Iterable[float]]) -> Cells:
     """Mark the cells that a path (N, 2) [m] in the map frame passes; bends are cut short."""
     points = np.asarray(list(path), dtype=float).reshape(-1, 2)
+    points = points[(np.abs(points) <= FARTHEST).all(1)]
     if len(points):
+        check(cells)
         grid = Grid.from_occupancy(cells.values, cells.resolution, cells.T_frame_grid)
         at = grid.point_to_cell(_dense(points, cells.resolution))
         at = at[((at >= 0) & (at < grid.shape)).all(1)]
@@ -71,7 +85,10 @@ def mark_driven(cells: Cells, path: Iterable[Iterable[float]]) -> Cells:
 
 
 def _dense(points: Array, step: float) -> Array:
-    """Points (M, 2) along a path (N, 2), at most a step [m] apart."""
-    along = np.r_[0.0, np.hypot(*np.diff(points, axis=0).T).cumsum()]
-    where = np.linspace(0.0, along[-1], int(along[-1] / step) + 2)
-    return np.column_stack([np.interp(where, along, axis) for axis in points.T])
+    """Points (M, 2) along a path (N, 2), at most a step [m] apart; leaps stay empty."""
+    gaps = np.diff(points, axis=0)
+    length = np.hypot(*gaps.T)
+    count = np.where(length <= LEAP, np.ceil(length / step), 1.0).astype(int)
+    which = np.repeat(np.arange(len(gaps)), count)
+    share = (np.arange(len(which)) - np.repeat(count.cumsum() - count, count)) / count[which]
+    return np.concatenate([points[which] + share[:, None] * gaps[which], points[-1:]])

@@ -16,7 +16,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry as OdometryMessage, Path
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField
-from somfusion_ros.fusion.shared_map import Cells, SharedMap
+from somfusion_ros.fusion.shared_map import Cells
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.slam.scan import Scan
@@ -104,7 +104,8 @@ def cells_from_message(message: OccupancyGrid, max_cells: int) -> Cells:
 
 def grid_from_message(message: OccupancyGrid, max_cells: int) -> Grid:
     """Convert a map of any origin; ValueError, naming what is wrong, on a bad one."""
-    return SharedMap.from_cells(cells_from_message(message, max_cells)).grid
+    cells = cells_from_message(message, max_cells)
+    return Grid.from_occupancy(cells.values, cells.resolution, cells.T_frame_grid)
 
 
 def grid_message(grid: Grid, frame: str, stamp: Time) -> OccupancyGrid:

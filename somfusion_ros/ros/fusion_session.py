@@ -164,10 +164,28 @@ class FusionSession:
         if not parts or self._looks_drawn(parts):
             return None
         self._drawn = parts
-        return merge_grids({robot: shared.grid for robot, (shared, _) in parts.items()},
-                           {robot: pose for robot, (_, pose) in parts.items()}, driven={
-                               robot: shared.driven for robot, (shared, _) in parts.items()},
-                           robot_radius=self._config.robot_radius)
+        return self._merge(parts)
+
+    def _merge(self, parts: dict[str, tuple[SharedMap, Pose]]) -> Grid:
+        """
+        Merge maps at their poses; where that would be too large, without the ones far away.
+
+        The cells are those of the middle map, so that no single peer can make them absurd.
+        """
+        sizes = sorted(shared.grid.resolution for shared, _ in parts.values())
+        try:
+            return merge_grids(
+                {robot: shared.grid for robot, (shared, _) in parts.items()},
+                {robot: pose for robot, (_, pose) in parts.items()}, sizes[(len(sizes) - 1) // 2],
+                {robot: shared.driven for robot, (shared, _) in parts.items()},
+                self._config.robot_radius)
+        except ValueError as error:
+            if len(parts) == 1:
+                raise
+            middle = np.median([pose[:2] for _, pose in parts.values()], axis=0)
+            far = max(parts, key=lambda robot: np.hypot(*(parts[robot][1][:2] - middle)))
+            self._say(f'{far} is left out of the global map: {error}')
+            return self._merge({robot: part for robot, part in parts.items() if robot != far})
 
     def reset(self) -> None:
         """Forget all verdicts and begin again."""

@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Path
 import numpy as np
 from somfusion_ros.fusion.map_stream import MapDecoder
-from somfusion_ros.fusion.shared_map import Cells, mark_driven, SharedMap
+from somfusion_ros.fusion.shared_map import Cells, FARTHEST, mark_driven, SharedMap
 from somfusion_ros.fusion.team import Edge
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros.fusion_session import FusionSession
@@ -58,6 +58,8 @@ class Intake:
         try:
             pose = convert.pose_from_message(message.pose.pose)
             covariance = convert.usable_covariance(message.pose.covariance)
+            if max(abs(pose.x), abs(pose.y)) > FARTHEST:
+                raise ValueError(f'{pose.x:.3g}, {pose.y:.3g} is too far for a map')
         except ValueError as error:
             self._count(f'pose_of_{robot}_unusable', str(error))
             return

@@ -17,17 +17,18 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from somfusion_ros.fusion.features import Clusters
 from somfusion_ros.fusion.keeping import Kept
+from somfusion_ros.fusion.shared_map import FARTHEST
 from somfusion_ros.fusion.team import Edge
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.ros.conversions import CLUSTER_FIELDS
 from std_msgs.msg import String, UInt8MultiArray
 
 MAX_STATE = 1 << 16      # bytes of a state; 50 robots that all overlap need a quarter of it
+MAX_EDGES = 256          # that one robot can have accepted
 MAX_NAME = 128           # letters of a robot's name
 MAX_CLUSTERS = 4096
 KINDS = ('match', 'sighting')
 UPPER = np.triu_indices(3)
-FARTHEST = 1e6           # [m] between two maps' frames
 LEAST_VARIANCE, MOST_VARIANCE = 1e-12, 1e12
 
 
@@ -101,8 +102,10 @@ def _record(edge: Edge) -> dict[str, Any]:
             'covariance': edge.covariance[UPPER].tolist()}
 
 
-def _edges(items: Iterable[dict[str, Any]]) -> tuple[Edge, ...]:
+def _edges(items: list[dict[str, Any]]) -> tuple[Edge, ...]:
     """Read edges."""
+    if len(items) > MAX_EDGES:
+        raise ValueError(f'state of {len(items)} edges is over {MAX_EDGES}')
     return tuple(_edge(item) for item in items)
 
 
