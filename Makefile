@@ -21,10 +21,14 @@ endif
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
+OLDEST := .venv-oldest
+OLDEST_PYTHON := $(shell for p in python3.10 python3.11 $(PYTHON); do \
+                     $$p -c 'import venv' 2>/dev/null && echo $$p && break; done)
+
 SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
            $(shell find somfusion_ros -name '*.py')
 
-.PHONY: demo test lint setup tf2_msgs clean
+.PHONY: demo test oldest lint setup tf2_msgs clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.package
@@ -33,13 +37,17 @@ demo: $(VENV)/.package
 test: $(VENV)/.package
 	ROS_PYTHON_CHECK_FIELDS=1 $(BIN)/python -m pytest $(TESTS)
 
+# The same without ROS, with the oldest versions of everything that must work.
+oldest: $(OLDEST)/.dependencies
+	env -u CI $(OLDEST)/bin/python -m pytest -m 'not system and not newest' $(TESTS)
+
 lint: $(VENV)/.package
 	$(BIN)/python -m pytest test/test_style.py test/test_architecture.py
 
 setup: $(VENV)/.package
 
 clean:
-	rm -rf .venv .venv-ros build install log dist output *.egg-info .pytest_cache .hypothesis
+	rm -rf .venv .venv-ros .venv-oldest build install log dist output *.egg-info .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 # The dependencies, once; the package itself, again whenever a source of it changed.
@@ -64,4 +72,12 @@ tf2_msgs:
 $(VENV)/.package: $(VENV)/.dependencies $(SOURCES)
 	@rm -rf build/lib build/bdist.* *.egg-info
 	@$(PIP) install --quiet --no-deps --force-reinstall .
+	@touch $@
+
+$(OLDEST)/.dependencies: setup.py test/versions/oldest.txt
+	@echo 'Setting up $(OLDEST) with $(OLDEST_PYTHON) (once) ...'
+	@$(OLDEST_PYTHON) -m venv $(OLDEST)
+	@$(OLDEST)/bin/python -m pip --disable-pip-version-check install --quiet '.[test]' \
+	    -c test/versions/oldest.txt
+	@$(OLDEST)/bin/python -m pip check
 	@touch $@

