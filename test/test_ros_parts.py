@@ -19,11 +19,11 @@ from sensor_msgs.msg import LaserScan  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.fusion.shared_map import SharedMap  # noqa: E402
 from somfusion_ros.ros.diagnostics import Faults, status, text  # noqa: E402
-from somfusion_ros.ros.fusion_drawing import (cluster_rows, fusion_statuses,  # noqa: E402
-                                              team_markers)
+from somfusion_ros.ros.fusion_drawing import fusion_statuses, team_markers  # noqa: E402
 from somfusion_ros.ros.fusion_session import FusionSession  # noqa: E402
 from somfusion_ros.ros.peers import Heard  # noqa: E402
 from somfusion_ros.ros.player import open_bag, read_records  # noqa: E402
+from somfusion_ros.tools.cluster_rows import cluster_rows  # noqa: E402
 
 
 class Log:

@@ -21,9 +21,9 @@ from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.tools import frame_tree
+from somfusion_ros.tools.cluster_rows import CLUSTER_FIELDS
 from std_msgs.msg import Header
 
-CLUSTER_FIELDS = ('x', 'y', 'z', 'normal_x', 'normal_y', 'segment', 'weight')
 UNTOLD = (0.3, 0.3, 0.2)               # [m, m, rad] sigma where a message tells none
 LEAST_SIGMA = (0.02, 0.02, 0.01)       # [m, m, rad] nothing is known better than this
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))   # x, y, rotation about z in a 6 x 6 covariance

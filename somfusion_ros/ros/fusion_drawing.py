@@ -8,13 +8,11 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 import numpy as np
-from numpy.typing import NDArray
-from somfusion_ros.fusion.features import Clusters, Map
-from somfusion_ros.fusion.learning import NORMED
+from somfusion_ros.fusion.features import Map
 from somfusion_ros.geometry import Array
 from somfusion_ros.ros.diagnostics import status
 from somfusion_ros.ros.fusion_session import Snapshot
-from somfusion_ros.ros.peers import CLUSTERS, Heard
+from somfusion_ros.ros.peers import CLUSTERS, Heard, MAP_TOPICS
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -22,13 +20,6 @@ NORM_LENGTH = 0.3                  # [m] of a norm's arrow
 GOLDEN_ANGLE = 2.399963            # [rad] between the hues of two segments
 WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 YELLOW = ColorRGBA(r=1.0, g=0.9, b=0.2, a=1.0)
-
-
-def cluster_rows(clusters: Clusters) -> NDArray[np.float32]:
-    """Rows (K, 7) of conversions.CLUSTER_FIELDS, one per SOM neuron; norms zero where unknown."""
-    norms = clusters.norms * (clusters.straight > NORMED)[:, None]
-    return np.column_stack([clusters.centres, np.zeros(len(clusters)), norms, clusters.segments,
-                            clusters.weights]).astype(np.float32)
 
 
 def team_markers(learned: Map, frame: str, stamp: Time) -> MarkerArray:
@@ -62,7 +53,9 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
                  now: float, timeout: float) -> DiagnosticStatus:
     """Tell how it stands with one peer."""
     values = {'heard_s': now - heard.at, 'map_age_s': now - heard.map_at, 'maps': heard.maps,
-              'bytes_received': sum(heard.received.values()), 'connected': connected,
+              'bytes_received': sum(heard.received.values()),
+              'bytes_of_maps': sum(heard.received[topic] for topic in MAP_TOPICS),
+              'connected': connected,
               'settled': peer in snapshot.settled}
     verdict, warning = snapshot.verdicts.get(peer), ''
     if verdict is not None:

@@ -18,10 +18,11 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import qos
 from somfusion_ros.ros.diagnostics import diagnostic_array
-from somfusion_ros.ros.fusion_drawing import cluster_rows, team_markers
+from somfusion_ros.ros.fusion_drawing import team_markers
 from somfusion_ros.ros.fusion_session import Snapshot
 from somfusion_ros.ros.peers import Heard, TimedPose
 from somfusion_ros.ros.tf import Broadcaster
+from somfusion_ros.tools.cluster_rows import cluster_rows
 from visualization_msgs.msg import MarkerArray
 
 

@@ -28,6 +28,8 @@ class BagWriter:
     Stamps are given in seconds; `recorded` is the time of recording, None: the stamp.
     """
 
+    latched: tuple[str, ...] = ('tf_static',)   # last names of topics for late listeners
+
     def __init__(self, folder: Path, storage: str = 'mcap',
                  frames: tuple[str, str, str] = ('odom', 'base_link', 'laser')) -> None:
         self._writer = Writer(folder, version=9, storage_plugin=STORAGES[storage])
@@ -46,7 +48,7 @@ class BagWriter:
     def mount(self, stamp: float, T_base_laser: Pose, height: float = 0.0) -> None:
         """Write tf_static: base -> laser."""
         self.transform('/tf_static', stamp, self._base_frame, self._laser_frame,
-                       (*T_base_laser[:2], height), _quaternion(T_base_laser[2]))
+                       (*T_base_laser[:2], height), quaternion(T_base_laser[2]))
 
     def transform(self, topic: str, stamp: float, parent: str, child: str,
                   translation: Sequence[float], quaternion: Sequence[float]) -> None:
@@ -74,7 +76,7 @@ class BagWriter:
         make = self._make
         place = make('geometry_msgs/msg/Pose',
                      make('geometry_msgs/msg/Point', x, y, 0.0),
-                     make('geometry_msgs/msg/Quaternion', *_quaternion(theta)))
+                     make('geometry_msgs/msg/Quaternion', *quaternion(theta)))
         speed = make('geometry_msgs/msg/Twist', make('geometry_msgs/msg/Vector3', vx, vy, 0.0),
                      make('geometry_msgs/msg/Vector3', 0.0, 0.0, turn))
         unknown = np.zeros(36)
@@ -93,7 +95,8 @@ class BagWriter:
     def _write(self, topic: str, msgtype: str, stamp: float, *fields: Any) -> None:
         """Serialise a message and write it."""
         if topic not in self._connections:
-            qos = [_transient_local()] if topic == '/tf_static' else []
+            latched = topic.rpartition('/')[2] in self.latched
+            qos = [_transient_local()] if latched else []
             self._connections[topic] = self._writer.add_connection(
                 topic, msgtype, typestore=self._store, offered_qos_profiles=qos)
         raw = self._store.serialize_cdr(self._make(msgtype, *fields), msgtype)
@@ -111,7 +114,7 @@ class BagWriter:
             'builtin_interfaces/msg/Time', seconds, nanoseconds), frame)
 
 
-def _quaternion(theta: float) -> tuple[float, float, float, float]:
+def quaternion(theta: float) -> tuple[float, float, float, float]:
     """Quaternion x y z w of a heading [rad]."""
     return 0.0, 0.0, float(np.sin(0.5 * theta)), float(np.cos(0.5 * theta))
 

@@ -73,6 +73,9 @@ def _add_replay(commands: argparse._SubParsersAction) -> None:
                          help='edge of a map cell [m] (default 0.05)')
     command.add_argument('--jobs', type=_count, metavar='N',
                          help='robots at work at once (default: one per core)')
+    command.add_argument('--bag', action='store_true',
+                         help='also write DIR/bag (mcap): maps, poses, tf, clusters and the '
+                              'global map over time, for Foxglove and RViz')
     _add_fusion(command)
     command.set_defaults(run=_replay)
 
@@ -156,7 +159,7 @@ def _replay(options: argparse.Namespace) -> None:
     replay(options.bags, options.output, ReplayOptions(
         bags, make(SlamConfig, values, **_given(resolution=options.resolution)),
         make(FusionConfig, values, **_given(method=options.method)),
-        options.seed, options.jobs, not options.no_report))
+        options.seed, options.jobs, not options.no_report, options.bag))
 
 
 def _merge(options: argparse.Namespace) -> None:

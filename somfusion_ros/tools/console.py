@@ -20,7 +20,8 @@ def complain(text: str) -> None:
     sys.stderr.flush()
 
 
-def progress_bar(label: str, total: int, unit: str, position: int = 0) -> Any:
+def progress_bar(label: str, total: int, unit: str, position: int = 0,
+                 quiet: bool = False) -> Any:
     """Make a tqdm bar on stderr that is silent where stderr is no terminal."""
-    return tqdm(total=total, desc=label, unit=unit, position=position, disable=None,
+    return tqdm(total=total, desc=label, unit=unit, position=position, disable=quiet or None,
                 dynamic_ncols=True, leave=position == 0, file=sys.stderr)

@@ -46,7 +46,7 @@ class Fusion:
 
 
 def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, seed: int = 0,
-         traced: bool = True) -> Fusion:
+         traced: bool = True, quiet: bool = False) -> Fusion:
     """
     Align every pair of maps, solve the team's graph, and sum the maps of its largest group.
 
@@ -57,10 +57,11 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, seed: in
     seed : of the random numbers, the same for every pair: a pair's result does not depend on
         the other pairs
     traced : keep the intermediate products of every pair, for the report
+    quiet : show no progress
     """
     pairs = []
     names = sorted(grids, key=list(grids).index)
-    with progress_bar('aligning', len(names) * (len(names) - 1) // 2, 'pair') as bar:
+    with progress_bar('aligning', len(names) * (len(names) - 1) // 2, 'pair', quiet=quiet) as bar:
         for target, source in combinations(names, 2):
             pairs.append(_align(grids, target, source, config, seed, traced))
             bar.update()

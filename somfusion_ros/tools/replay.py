@@ -16,6 +16,7 @@ from somfusion_ros.tools.bags import BagOptions, open_log
 from somfusion_ros.tools.console import complain, say
 from somfusion_ros.tools.fuse import fuse
 from somfusion_ros.tools.maps import write_map
+from somfusion_ros.tools.replay_bag import period_of, write_replay_bag
 from somfusion_ros.tools.result import fusion_record, make_folder, write_result, write_robot_map
 from somfusion_ros.tools.robot_run import RobotRun
 from somfusion_ros.tools.robots import run_robots
@@ -25,7 +26,7 @@ from somfusion_ros.tools.trajectories import write_tum
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """How to replay: what to use of the bags, parameters, seed, processes, and pictures or not."""
+    """How to replay: what to use of the bags, parameters, seed, processes, pictures, a bag."""
 
     bags: BagOptions = field(default_factory=BagOptions)
     slam: SlamConfig = field(default_factory=SlamConfig)
@@ -33,6 +34,7 @@ class ReplayOptions:
     seed: int = 0
     jobs: int | None = None
     pictures: bool = True
+    bag: bool = False
 
 
 def replay(bags: Sequence[str | Path], output: str | Path,
@@ -50,7 +52,8 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     for log in logs.values():
         for note in log.notes:
             complain(note)
-    runs = run_robots(logs, options.slam, options.jobs)
+    period = period_of([log.duration for log in logs.values()]) if options.bag else None
+    runs = run_robots(logs, options.slam, options.jobs, period)
     robots = {name: save_robot(folder / name, run) for name, run in runs.items()}
     for name, record in robots.items():
         tell_robot(name, record)
@@ -65,6 +68,8 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     tell_fusion(record, str(folder / 'map.yaml'))
     if options.pictures and len(runs) > 1:
         draw(folder, fusion)
+    if options.bag:
+        say(f'bag: {write_replay_bag(folder / "bag", runs, options.fusion, options.seed)}')
     return record
 
 

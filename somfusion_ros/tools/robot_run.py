@@ -18,6 +18,7 @@ from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.trajectory import with_odometry
 from somfusion_ros.tools.bags import BagError, Log
+from somfusion_ros.tools.history import History
 
 LATE_ODOMETRY = 0.5   # [s] scans this much after the last odometry are reached by its twist
 
@@ -29,7 +30,8 @@ class RobotRun:
 
     grid in the robot's map frame; stamps [s] and poses T_map_base (M,), (M, 3) of every scan
     and of the odometry between them, and of the kept views (N,), (N, 3); odometry (K, 3) at the
-    scans; counters by name; milliseconds per scan (K,); recorded and computing time [s].
+    scans; counters by name; milliseconds per scan (K,); recorded and computing time [s]; the
+    history where it was asked for.
     """
 
     log: Log
@@ -43,27 +45,37 @@ class RobotRun:
     milliseconds: Array
     recorded: float
     seconds: float
+    history: History | None = None
 
 
 def run_robot(log: Log, config: SlamConfig | None = None,
-              progress: Callable[[int], Any] = lambda n: None) -> RobotRun:
-    """Run the SLAM over a log; progress is told the number of scans done since the last call."""
+              progress: Callable[[int], Any] = lambda n: None,
+              history: History | None = None) -> RobotRun:
+    """
+    Run the SLAM over a log.
+
+    progress is told the number of scans done since the last call; a history is filled.
+    """
     slam = Slam(config)
     started, milliseconds, stamps, odometry = time.perf_counter(), [], [], []
     counters = {'scans_without_odometry': 0}
     buffer = OdometryBuffer(lambda name: _count(counters, name))
     for scan, odometry_then in paired(log, buffer, counters):
         before = time.perf_counter()
-        slam.process(scan, odometry_then)
+        step = slam.process(scan, odometry_then)
         buffer.lag = slam.odometry_lag
         milliseconds.append(1e3 * (time.perf_counter() - before))
         stamps.append(scan.stamp)
         odometry.append(odometry_then.pose)
+        if history is not None:
+            history.add(step, slam)
         progress(1)
     if not stamps:
         raise BagError(f'{log.path}: no scan has odometry at its time')
     while slam.work():
         pass
+    if history is not None:
+        history.end(slam)
     grid = slam.grid()
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
@@ -72,7 +84,7 @@ def run_robot(log: Log, config: SlamConfig | None = None,
                     np.asarray(view_stamps), np.asarray(views),
                     np.asarray(odometry, dtype=float).reshape(-1, 3),
                     {**slam.counters, **counters, **log.counters}, np.asarray(milliseconds),
-                    log.duration, seconds)
+                    log.duration, seconds, history)
 
 
 def _dense(slam: Slam, buffer: OdometryBuffer) -> tuple[Array, Array]:

@@ -13,33 +13,35 @@ from typing import Any
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.tools.bags import BagError, Log
 from somfusion_ros.tools.console import progress_bar
+from somfusion_ros.tools.history import History
 from somfusion_ros.tools.robot_run import RobotRun, run_robot
 
 TELL_EVERY = 0.2   # [s] between two words of progress from a process
 
 
 def run_robots(logs: Mapping[str, Log], config: SlamConfig | None = None,
-               jobs: int | None = None) -> dict[str, RobotRun]:
+               jobs: int | None = None, period: float | None = None) -> dict[str, RobotRun]:
     """
     Run the SLAM of every robot; the results do not depend on the number of jobs.
 
     jobs: processes at once, default one per core; with one job all runs in this process.
+    period: time [s] between two maps of the history, None keeps no history.
     """
     jobs = min(len(logs), jobs or os.cpu_count() or 1)
     bars = {name: progress_bar(name, log.scan_count, 'scan', position)
             for position, (name, log) in enumerate(logs.items())}
     try:
         if jobs == 1:
-            return {name: run_robot(log, config, bars[name].update)
+            return {name: run_robot(log, config, bars[name].update, _history(period))
                     for name, log in logs.items()}
-        return _run_parallel(logs, config, jobs, bars)
+        return _run_parallel(logs, config, jobs, period, bars)
     finally:
         for bar in bars.values():
             bar.close()
 
 
 def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
-                  bars: Mapping[str, Any]) -> dict[str, RobotRun]:
+                  period: float | None, bars: Mapping[str, Any]) -> dict[str, RobotRun]:
     """Keep `jobs` processes at work until every log is done; stop all when one fails."""
     context = multiprocessing.get_context('spawn')
     left, running, results = list(logs), {}, {}
@@ -48,8 +50,8 @@ def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
             while left and len(running) < jobs:
                 name = left.pop(0)
                 here, there = context.Pipe(duplex=False)
-                process = context.Process(target=_work, args=(there, logs[name], config),
-                                          daemon=True)
+                process = context.Process(target=_work, daemon=True,
+                                          args=(there, logs[name], config, period))
                 process.start()
                 there.close()
                 running[here] = (name, process)
@@ -83,7 +85,13 @@ def _receive(connection: Connection, log: Log) -> tuple[str, Any]:
     return kind, value
 
 
-def _work(connection: Connection, log: Log, config: SlamConfig | None) -> None:
+def _history(period: float | None) -> History | None:
+    """Make a history to be filled, if one is asked for."""
+    return None if period is None else History(period)
+
+
+def _work(connection: Connection, log: Log, config: SlamConfig | None,
+          period: float | None) -> None:
     """Run one log in a process of its own."""
     done, last = 0, time.monotonic()
 
@@ -95,7 +103,7 @@ def _work(connection: Connection, log: Log, config: SlamConfig | None) -> None:
             done, last = 0, time.monotonic()
 
     try:
-        run = run_robot(log, config, progress)
+        run = run_robot(log, config, progress, _history(period))
         connection.send(('progress', done))
         connection.send(('done', run))
     except BagError as error:
