@@ -58,9 +58,9 @@ def fake_room(width: float = 8.0, height: float = 6.0) -> Array:
     return np.array(outline + partition + pillar, dtype=float)
 
 
-def furnished_room(width: float = 14.0, height: float = 11.0) -> Array:
+def furnished_room(width: float = 14.0, height: float = 11.0, seed: int = 7) -> Array:
     """Walls (N, 4) [m] of a room with things in it that no part of the room has twice."""
-    rng, walls = np.random.default_rng(7), [fake_room(width, height)]
+    rng, walls = np.random.default_rng(seed), [fake_room(width, height)]
     for x in np.arange(1.2, width - 1.0, 2.3):
         for y in np.arange(1.0, height - 2.0, 2.4):
             w, h = rng.uniform(0.3, 1.4, 2)

@@ -12,6 +12,7 @@ import numpy as np
 from somfusion_ros.geometry import Array, between, compose, compose_jacobians, inverse, Pose
 
 STATE, POSE, MAP, CHANGES = 'team/state', 'team/pose', 'team/map', 'team/map_changes'
+MAP_TOPICS = ('map', MAP, CHANGES)
 CLUSTERS, TRANSFORMS = 'clusters', 'relative_transforms'
 KEPT = 'team/kept'         # followed by the name of the robot that is gone
 MAP_TYPE, STATE_TYPE = 'nav_msgs/msg/OccupancyGrid', 'std_msgs/msg/String'
@@ -76,7 +77,7 @@ class Heard:
         """Count a message of a size [bytes]; maps are counted apart."""
         self.at = now
         self.received[topic] += size
-        if topic in ('map', MAP, CHANGES):
+        if topic in MAP_TOPICS:
             self.map_at, self.maps = now, self.maps + 1
 
     def begin(self, session: str, now: float) -> bool:

@@ -70,10 +70,12 @@ def read_status(folder: Path) -> dict[str, Any]:
 
 
 def joined(status: Mapping[str, Any], robots: list[str]) -> bool:
-    """Tell whether every robot published the global map and where every other robot's map lies."""
+    """Tell whether every robot published the global map and is connected with all others."""
     for robot in robots:
         record = status['robots'].get(robot, {'maps': {}, 'transforms': {}})
+        said = status['diagnostics'].get(f'{robot}/fusion_node', {}).get('values', {})
         peers = {name.rpartition('/')[0] for name in record['transforms']}
+        peers |= set(said.get('connected', '').split(', '))   # also through other robots
         if 'global_map' not in record['maps'] or not set(robots) - {robot} <= peers:
             return False
     return True

@@ -93,10 +93,12 @@ def robot_lines(status: Mapping[str, Any], logs: Mapping[str, Log]) -> Iterator[
     for robot, record in status['robots'].items():
         maps, said = record['maps'], status['diagnostics'].get(f'{robot}/slam_node', {})
         values = said.get('values', {})
+        team = status['diagnostics'].get(f'{robot}/fusion_node', {}).get('values', {})
         yield (f'{robot}: {values.get("scans", "?")} of {logs[robot].scan_count} scans, '
                f'{values.get("ms_per_scan", "?")} ms for the last one, '
                f'{values.get("loops_accepted", "0")} loops closed; '
-               f'{_map_text("map", maps["map"])}; {_map_text("global map", maps["global_map"])}')
+               f'{_map_text("map", maps["map"])}; {_map_text("global map", maps["global_map"])}; '
+               f'{team.get("transform_jumps", "?")} transforms changed by over 0.2 m or 2 deg')
 
 
 def pair_diagnostics(status: Mapping[str, Any], robot: str, peer: str) -> dict[str, str]:

@@ -1,0 +1,197 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure a team of robots: bytes on the wire, CPU, latency, and a long life with faults.
+
+usage: python benchmarks/team.py wire [ROBOTS ...]     real nodes, a network each (default: 2 4 8)
+       python benchmarks/team.py soak [MINUTES]        4 robots and random faults (default: 30)
+
+Both need root for network namespaces. Every robot maps a part of the same building,
+and publishes its map every 5 s, as slam_toolbox and slam_node do; all rates are the defaults.
+Prints tables, asserts nothing about time.
+"""
+
+import os
+from pathlib import Path
+import resource
+import signal
+import sys
+import tempfile
+import time
+
+for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(name, '1')
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from helpers import ROOT, ros_environment  # noqa: E402, I100
+from network import Network, on_network, partition  # noqa: E402
+import numpy as np  # noqa: E402
+from team_lab import Lab, map_of  # noqa: E402
+
+PERIOD = 5.0        # [s] between two maps of a robot
+MINUTE = 60.0       # [s] that is measured
+SAMPLES = 20        # maps whose latency is measured
+TICKS = os.sysconf('SC_CLK_TCK')
+PROFILE = ROOT / 'config' / 'fastdds_wifi.xml'
+DEFAULT_RATES = {'estimation_rate': 0.5, 'merging_rate': 1.0, 'discovery_rate': 0.5,
+                 'peer_timeout': 30.0}
+
+
+def robots(count: int) -> list[str]:
+    """Name robots so that their order is that of their numbers."""
+    return [f'robot{number}' for number in range(1, count + 1)]
+
+
+def cpu_seconds(process: int) -> float:
+    """CPU time [s] that a process has used."""
+    fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def memory(process: int) -> float:
+    """Memory [MB] that a process holds."""
+    pages = int(Path(f'/proc/{process}/statm').read_text().split()[1])
+    return pages * resource.getpagesize() / 2 ** 20
+
+
+def node_ids(lab: Lab) -> list[int]:
+    """Process ids of the fusion nodes themselves; what starts them has replaced itself."""
+    return [process.pid for process in lab.nodes.values()]
+
+
+def told_by(lab: Lab, robot: str, peer: str) -> int:
+    """Bytes that a robot heard of a peer beside its map: states and clusters."""
+    status = lab.status(robot, peer)
+    return int(status['bytes_received']) - int(status['bytes_of_maps'])
+
+
+def explore(lab: Lab, count: int, begin: float, end: float, seconds: float) -> None:
+    """Let all robots map on for a while, in equal steps of progress."""
+    steps = round(seconds / PERIOD)
+    for step in range(1, steps + 1):
+        due = time.monotonic() + PERIOD
+        for number, robot in enumerate(robots(count), start=1):
+            lab.publish(robot, map_of(number, count, begin + (end - begin) * step / steps))
+        lab.pause(max(0.0, due - time.monotonic()))
+
+
+def latencies(lab: Lab, count: int) -> np.ndarray:
+    """Time [s] from a new map of robot1 to the global map of the last robot, several times."""
+    last, found = robots(count)[-1], []
+    for sample in range(SAMPLES):
+        before = lab.ask(last)['global_maps']
+        lab.publish('robot1', map_of(1, count, 0.9 + 0.005 * sample))
+        start = time.monotonic()
+        while lab.ask(last)['global_maps'] == before and time.monotonic() - start < 30.0:
+            time.sleep(0.01)
+        found.append(time.monotonic() - start)
+        time.sleep(1.0 + 0.1 * (sample % 7))
+    return np.array(found)
+
+
+def wire(count: int) -> str:
+    """Run a team on a network of its own; return its row of the table."""
+    with Network(count) as network, tempfile.TemporaryDirectory() as folder:
+        with Lab(Path(folder), on_network(ros_environment(7), PROFILE)) as lab:
+            begin = network.change()
+            for number, (robot, host) in enumerate(zip(robots(count), network.hosts), start=1):
+                lab.add(robot, map_of(number, count, 0.5), host, **DEFAULT_RATES)
+            lab.until_equal(robots(count), timeout=180.0)
+            connected = network.change()
+            told = [told_by(lab, robot, peer) for robot in robots(count)
+                    for peer in robots(count) if peer != robot]
+            used, sent = [cpu_seconds(p) for p in node_ids(lab)], network.change()
+            explore(lab, count, 0.5, 0.9, MINUTE)
+            used = np.subtract([cpu_seconds(p) for p in node_ids(lab)], used) / MINUTE
+            sent = np.subtract(network.change(), sent) / MINUTE * 60.0
+            lab.pause(15.0)
+            idle = np.array(network.change())
+            lab.pause(30.0)
+            idle = np.subtract(network.change(), idle) * 2.0
+            took = latencies(lab, count)
+            grid = map_of(1, count, 0.7).values.size
+    full = grid * 60.0 / PERIOD
+    return (f'{count:6} {np.max(told) / 1e3:10.1f} '
+            f'{np.subtract(connected, begin).mean() / 1e3:10.0f} {sent.mean() / 1e3:9.0f} '
+            f'{idle.mean() / 1e3:8.0f} {full / 1e3:12.0f} {full * (count - 1) / 1e3:10.0f} '
+            f'{used.max():8.2f} {np.median(took):8.2f} {np.percentile(took, 95):6.2f}')
+
+
+def measure_wire(counts: list[int]) -> None:
+    """Print the table of `wire`."""
+    print('       per peer   per robot: kB                      full grids each 5 s, kB / minute'
+          '   CPU      latency [s]\n'
+          'robots  state+SOM to connect  a minute  at rest  to one node to all peers  '
+          '[cores]   median    p95', flush=True)
+    for count in counts:
+        print(wire(count), flush=True)
+
+
+def soak(minutes: float) -> None:
+    """Let four robots map through random faults for a while; print how they are at both ends."""
+    rng, count, start = np.random.default_rng(0), 4, time.monotonic()
+    with Network(count) as network, tempfile.TemporaryDirectory() as folder:
+        with Lab(Path(folder), on_network(ros_environment(7), PROFILE)) as lab:
+            for number, (robot, host) in enumerate(zip(robots(count), network.hosts), start=1):
+                lab.add(robot, map_of(number, count, 0.5), host)
+            lab.until_equal(robots(count), timeout=120.0)
+            print('minute  fault                      equal after s  MB of each node', flush=True)
+            faults, used, waited = 0, cpu_seconds(node_ids(lab)[0]), []
+            state(lab, start, 'none yet', 0.0)
+            while time.monotonic() - start < 60.0 * minutes:
+                word = break_something(rng, lab, network, count)
+                faults += 1
+                explore(lab, count, *rng.uniform(0.5, 1.0, 2), seconds=2 * PERIOD)
+                network.heal()
+                explore(lab, count, 0.9, float(rng.uniform(0.9, 1.0)), seconds=PERIOD)
+                waited.append(lab.until_equal(robots(count), timeout=60.0))
+                state(lab, start, word, waited[-1])
+            lab.assert_clean()
+            passed = time.monotonic() - start
+            share = (cpu_seconds(node_ids(lab)[0]) - used) / passed
+            print(f'{faults} faults in {passed / 60.0:.1f} minutes; equal again after '
+                  f'{np.median(waited):.1f} s (median), {max(waited):.1f} s (longest)')
+            print(f'CPU of robot1, which lived through all of it: {share:.2f} cores')
+
+
+def break_something(rng: np.random.Generator, lab: Lab, network: Network, count: int) -> str:
+    """Do one random bad thing; say which."""
+    robot = robots(count)[rng.integers(1, count)]
+    port = robots(count).index(robot)
+    kind = rng.integers(6)
+    if kind == 0:
+        lab.end(robot, signal.SIGKILL)
+        lab.start(robot)
+        return f'kill -9 of {robot}'
+    if kind == 1:
+        lab.end(robot)
+        lab.start(robot)
+        return f'restart of {robot}'
+    if kind == 2:
+        network.change(groups=partition(count, [p for p in range(count) if p != port]))
+        return f'link of {robot} down'
+    settings = ({'loss': 0.3}, {'rate': 1e6}, {'duplicate': 0.3, 'reorder': 0.5})[kind - 3]
+    network.change(**settings)
+    return ', '.join(f'{name} {value:g}' for name, value in settings.items())
+
+
+def state(lab: Lab, start: float, word: str, waited: float) -> None:
+    """Print one row about a team."""
+    sizes = ' '.join(f'{memory(process):5.0f}' for process in node_ids(lab))
+    print(f'{(time.monotonic() - start) / 60.0:6.1f}  {word:30}{waited:10.1f}      {sizes}',
+          flush=True)
+
+
+def main() -> None:
+    """Measure what was asked for."""
+    what, *words = sys.argv[1:] or ['wire']
+    if what == 'wire':
+        measure_wire([int(word) for word in words] or [2, 4, 8])
+    elif what == 'soak':
+        soak(float(words[0]) if words else 30.0)
+    else:
+        raise SystemExit(__doc__)
+
+
+if __name__ == '__main__':
+    main()

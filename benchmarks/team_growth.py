@@ -1,0 +1,148 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure how one robot's share of the work grows with its team: the fusion core alone, no ROS.
+
+usage: python benchmarks/team_growth.py [ROBOTS ...]     (default: 5 10 20 35 50)
+
+The robots map a building of furnished rooms, each robot two of them, so that it shares a room
+with the one before and the one behind. The robot in the middle hears the clusters of all others,
+asks for the maps of those that may match, matches them, solves the graph of what all accepted, of
+which one pair in twenty is wrong, asks for the maps of all who are connected, and draws them.
+Prints one row per team and fitted exponents, asserts nothing.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import sys
+import time
+import tracemalloc
+
+for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(name, '1')
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from helpers import fake_grid, furnished_room  # noqa: E402, I100
+import numpy as np  # noqa: E402
+from somfusion_ros.fusion.alignment import align  # noqa: E402
+from somfusion_ros.fusion.global_map import merge_grids  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.fusion.map_stream import MapEncoder  # noqa: E402
+from somfusion_ros.fusion.members import Team  # noqa: E402
+from somfusion_ros.fusion.screening import outline, screen  # noqa: E402
+from somfusion_ros.fusion.shared_map import SharedMap  # noqa: E402
+from somfusion_ros.fusion.team import Edge  # noqa: E402
+from somfusion_ros.geometry import between, Pose  # noqa: E402
+
+ROOM, SIDE = 11.0, 7   # [m] between two rooms, rooms in a row of the building
+WRONG = 0.05           # share of the accepted pairs that are wrong
+ROW_BYTES = 28         # of one cluster on the wire
+COLUMNS = ('screen s', 'match s', 'solve s', 'draw s', 'kB told', 'kB maps', 'MB peak')
+
+
+def frame(number: int) -> Pose:
+    """Pose of the building in the map frame of a robot."""
+    return Pose(*np.random.default_rng(number).uniform((-5, -5, -3), (5, 5, 3)))
+
+
+def map_of(number: int) -> SharedMap:
+    """Map of a robot: the rooms of its number and of the next one."""
+    walls = [room(seed).reshape(-1, 2) + place(seed) for seed in (number, number + 1)]
+    return SharedMap(fake_grid(np.concatenate(walls).reshape(-1, 4), T_map_walls=frame(number)))
+
+
+def room(seed: int) -> np.ndarray:
+    """Walls (N, 4) of a room that is like no other."""
+    return furnished_room(*np.random.default_rng(seed).uniform((7.0, 6.0), (10.5, 10.5)), seed)
+
+
+def place(seed: int) -> np.ndarray:
+    """Give the corner (2,) [m] of a room; the rows of the building are walked to and fro."""
+    row, column = divmod(seed, SIDE)
+    return ROOM * np.array([SIDE - 1 - column if row % 2 else column, row])
+
+
+def accepted(count: int) -> dict[str, list[Edge]]:
+    """List what each robot accepted about the one behind it, by its name."""
+    rng, said = np.random.default_rng(0), {}
+    for number in range(count - 1):
+        T = between(between(frame(number), Pose()), between(frame(number + 1), Pose()))
+        if rng.random() < WRONG:
+            T = T + (3.0, -2.0, 1.0)
+        said[named(number)] = [Edge(named(number), named(number + 1), Pose.from_array(T),
+                                    1e-3 * np.eye(3))]
+    return said
+
+
+def named(number: int) -> str:
+    """Name robots so that their order is that of their numbers."""
+    return f'robot{number:03}'
+
+
+def measure(count: int) -> list[float]:
+    """Let the robot in the middle meet a team; return the columns of the table."""
+    middle = count // 2
+    own = learn(map_of(middle).grid)
+    team, told, sent, seconds = Team(named(middle)), 0, 0, np.zeros(4)
+    team.update_map(team.name, map_of(middle))
+    tracemalloc.start()
+    for number in (n for n in range(count) if n != middle):
+        shared = map_of(number)
+        clusters = outline(learn(shared.grid))
+        told += ROW_BYTES * len(clusters)
+        with timed(seconds, 0):
+            likely = screen(own, clusters).likely
+        if likely:
+            sent += fetch(team, named(number), shared)
+            target, source = team.grids_of(named(number))
+            with timed(seconds, 1):
+                team.record(named(number), align(target, source), target, source, 0.0)
+    with timed(seconds, 2):
+        for owner, edges in accepted(count).items():
+            team.hear(owner, edges)
+        solution = team.solution()
+    world = solution.group_of(team.name)
+    for number in range(count):
+        if named(number) in world and named(number) not in team.maps:
+            sent += fetch(team, named(number), map_of(number))
+    with timed(seconds, 3):
+        merge_grids({name: shared.grid for name, shared in team.maps.items() if name in world},
+                    world)
+    peak = tracemalloc.get_traced_memory()[1] / 2 ** 20
+    tracemalloc.stop()
+    return [*seconds, told / 1e3, sent / 1e3, peak]
+
+
+def fetch(team: Team, robot: str, shared: SharedMap) -> int:
+    """Take in a robot's whole map; return the bytes that this costs."""
+    encoder = MapEncoder()
+    encoder.encode(shared.to_cells())
+    team.update_map(robot, shared)
+    return len(encoder.key)
+
+
+@contextmanager
+def timed(seconds: np.ndarray, index: int) -> Iterator[None]:
+    """Add the CPU time of a block to an entry of an array."""
+    begun = time.process_time()
+    yield
+    seconds[index] += time.process_time() - begun
+
+
+def main() -> None:
+    """Print the table."""
+    counts = [int(word) for word in sys.argv[1:]] or [5, 10, 20, 35, 50]
+    rows = []
+    print('robots', *(f'{name:>9}' for name in COLUMNS))
+    for count in counts:
+        rows.append(measure(count))
+        print(f'{count:6}', *(f'{value:9.2f}' for value in rows[-1]), flush=True)
+    powers = [np.polyfit(np.log(counts), np.log(np.maximum(column, 1e-6)), 1)[0]
+              for column in np.array(rows).T]
+    print(' power', *(f'{power:9.2f}' for power in powers), ' (fitted: proportional to robots ^)')
+
+
+if __name__ == '__main__':
+    main()
