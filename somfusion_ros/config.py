@@ -144,6 +144,10 @@ class SlamNodeConfig:
     right_wheel_joint: str = parameter(
         'right_wheel_joint', '', None, None,
         'Name of the right wheel in joint_states; used only with odometry_source encoders.')
+    peer_radius: float = parameter(
+        0.5, 'm', 0.0, 10.0,
+        "Returns within this distance of another robot's centre are not used, where fusion_node "
+        'tells its place; its radius and how far it moves in a moment. 0 uses all returns.')
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'm, m, rad', None, None,
         'Mount of the laser on the robot (x, y, yaw); all zero: taken from /tf_static.')

@@ -57,7 +57,7 @@ class RobotClient(Node):
         self.create_subscription(OccupancyGrid, 'global_map', self._on_global_map, qos.LATCHED)
         self.create_subscription(TransformStamped, 'relative_transforms', self._on_transform,
                                  qos.LATCHED_PER_PAIR)
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics,
+        self.create_subscription(DiagnosticArray, 'diagnostics', self._on_diagnostics,
                                  qos.STREAM)
 
     def _forget(self) -> None:

@@ -105,7 +105,7 @@ class Lab:
             self.nodes[robot] = subprocess.Popen(
                 [*self._prefixes.get(robot, []), sys.executable, '-m',
                  'somfusion_ros.ros.fusion_node', '--ros-args', '-r',
-                 f'__ns:=/{namespace or robot}', *words],
+                 f'__ns:=/{namespace or robot}', '-r', '/diagnostics:=diagnostics', *words],
                 env=self._environment, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
 
     def end(self, robot: str, number: int = signal.SIGINT) -> int:

@@ -13,7 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from somfusion_ros.config import FusionNodeConfig
 from somfusion_ros.fusion.features import Map
 from somfusion_ros.fusion.screening import outline
-from somfusion_ros.geometry import compose, compose_jacobians, Pose
+from somfusion_ros.geometry import between, compose, compose_jacobians, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import qos
@@ -35,6 +35,7 @@ class FusionPublisher:
         self._map = node.create_publisher(OccupancyGrid, config.merged_map_topic, qos.LATCHED)
         self._relative = node.create_publisher(TransformStamped, 'relative_transforms',
                                                qos.LATCHED_PER_PAIR)
+        self._bodies = node.create_publisher(PoseArray, 'peer_bodies', qos.LATEST)
         self._pose_publishers: dict[str, Any] = {}
         self._poses = node.create_publisher(PoseArray, 'peer_poses', qos.STREAM)
         self._clusters = node.create_publisher(PointCloud2, 'clusters', qos.LATCHED)
@@ -80,6 +81,11 @@ class FusionPublisher:
                  for robot, item in here.items()}
         if poses:
             self._poses.publish(convert.pose_array(poses.values(), frame, stamp))
+        others = [between(world[self._robot], pose) for robot, pose in poses.items()
+                  if robot != self._robot]
+        if others:
+            self._bodies.publish(convert.pose_array(map(Pose.from_array, others),
+                                                    self._config.map_frame, stamp))
         for robot, pose in poses.items():
             by_map, by_pose = compose_jacobians(world[robot], here[robot].pose)
             P = (by_map @ snapshot.solution.covariances[robot] @ by_map.T

@@ -25,6 +25,7 @@ from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import parameters, qos
 from somfusion_ros.ros.diagnostics import Faults
 from somfusion_ros.ros.odometry_input import OdometryInput
+from somfusion_ros.ros.peer_bodies import PeerBodies
 from somfusion_ros.ros.runtime import run
 from somfusion_ros.ros.session import Session
 from somfusion_ros.ros.slam_publisher import SlamPublisher
@@ -81,6 +82,7 @@ class SlamNode(Node):
         """Make every topic, service and timer; all names are relative."""
         scans = self.create_subscription(LaserScan, 'scan', self._on_scan, qos.SENSOR_DATA,
                                          qos_overriding_options=qos.overridable())
+        self._bodies = PeerBodies(self, self._config.peer_radius)
         self._odometry = OdometryInput(self, self._config, self._on_odometry, self._count)
         self._inputs = f'{scans.topic_name}, {self._odometry.topic}'
         # A group of its own: while it waits for the worker, the other callbacks go on.
@@ -102,7 +104,8 @@ class SlamNode(Node):
         if mount is None:
             self._count('scans_without_mount', self._last.lacking, PATIENCE)
             return
-        scan = convert.scan_from_message(message, mount.T_base_laser, mount.upside_down)
+        scan = self._bodies.hide(convert.scan_from_message(
+            message, mount.T_base_laser, mount.upside_down), self._last.step)
         self._session.add_scan(scan, message.header.stamp, self._ticks * TICK)
         self._tracker.wake()
 

@@ -44,6 +44,7 @@ class TeamLink:
         self._said: tuple[str, float] = '', 0.0
         self._told = np.full(3, np.inf)
         self._wanted: set[str] = set()
+        self._clusters: dict[str, Any] = {}
         self._state = node.create_publisher(String, STATE, qos.LATCHED)
         self._pose = node.create_publisher(PoseWithCovarianceStamped, POSE, qos.LATCHED)
         self._streams = {topic: node.create_publisher(UInt8MultiArray, topic, qos.LATCHED)
@@ -52,15 +53,16 @@ class TeamLink:
 
     def listen(self, peer: str) -> None:
         """Hear what a peer tells everybody."""
-        for kind, topic in ((String, STATE), (PointCloud2, CLUSTERS)):
-            self._subscribe(kind, peer, topic)
+        self._subscribe(String, peer, STATE)
+        self._clusters[peer] = self._subscribe(PointCloud2, peer, CLUSTERS)
         self._node.create_subscription(PoseWithCovarianceStamped, f'/{peer}/{POSE}',
                                        partial(self._intake.keep_pose, peer), qos.LATCHED)
 
     def want(self, peers: Collection[str]) -> None:
-        """Hear the maps of some peers as well, from now on."""
+        """Hear the maps of some peers from now on, and their clusters no more."""
         for peer in set(peers) - self._wanted:
             self._wanted.add(peer)
+            self._node.destroy_subscription(self._clusters.pop(peer))
             for topic in (MAP, CHANGES):
                 self._subscribe(UInt8MultiArray, peer, topic)
 
@@ -95,10 +97,10 @@ class TeamLink:
                 self._sent[topic] = data
                 self._streams[topic].publish(bytes_message(data))
 
-    def _subscribe(self, kind: type, peer: str, topic: str) -> None:
+    def _subscribe(self, kind: type, peer: str, topic: str) -> Any:
         """Hear one topic of a peer."""
-        self._node.create_subscription(kind, f'/{peer}/{topic}',
-                                       partial(self._intake.keep, peer, topic), qos.LATCHED)
+        return self._node.create_subscription(kind, f'/{peer}/{topic}', partial(
+            self._intake.keep, peer, topic), qos.LATCHED)
 
     def _on_own_state(self, message: String) -> None:
         """Notice another robot under this one's name."""
