@@ -7,16 +7,19 @@ DEMO_OPTIONS ?=
 OUTPUT ?= output/demo
 TESTS ?= test
 
-# A sourced ROS 2 Jazzy is used as it is; elsewhere its wheels come into the environment.
+# A sourced ROS 2 Jazzy is used as it is: the environment sees the system's packages, and numpy
+# stays at the version that ROS was compiled for. Elsewhere ROS's wheels come into the environment.
 ROS := $(shell [ "$$ROS_DISTRO" = jazzy ] && $(PYTHON) -c 'import rclpy' 2>/dev/null && echo yes)
 ifeq ($(ROS),yes)
 VENV := .venv-ros
 VENV_OPTIONS := --system-site-packages
 EXTRAS := test
+KEPT := numpy scipy matplotlib
 else
 VENV := .venv
 VENV_OPTIONS :=
 EXTRAS := ros,tf,test
+KEPT :=
 endif
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -59,7 +62,9 @@ $(VENV)/.dependencies: setup.py
 	@echo 'Setting up $(VENV) (once, a few minutes) ...'
 	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	@rm -rf build/lib build/bdist.* *.egg-info
-	@$(PIP) install --quiet '.[$(EXTRAS)]' || \
+	@for name in $(KEPT); do $(BIN)/python -c "from importlib.metadata import version; \
+	    print('$$name==' + version('$$name'))" 2>/dev/null; done > $(VENV)/kept.txt || true
+	@$(PIP) install --quiet '.[$(EXTRAS)]' -c $(VENV)/kept.txt || \
 	    { $(BIN)/python -V; echo 'pip could not install this, see above. Some dependencies come' \
 	      'as wheels for Python 3.10 to 3.13 only; name one with: make PYTHON=python3.12'; exit 1; }
 	@$(MAKE) --no-print-directory tf2_msgs

@@ -86,7 +86,7 @@ def health_table(team: Team) -> Table:
     """List every node and pair with its state and the reason for it."""
     table = Table(box=None, padding=(0, 2, 0, 0), expand=True)
     table.add_column('who', no_wrap=True, min_width=max(map(len, team.health), default=3))
-    for column, ratio in (('state', 3), ('figures', 2)):
+    for column, ratio in (('state', 1), ('figures', 1)):
         table.add_column(column, overflow='ellipsis', no_wrap=True, ratio=ratio)
     for name, health in sorted(team.health.items()):
         table.add_row(name, Text(health.message, LEVELS.get(health.level, 'red')),
