@@ -46,7 +46,7 @@ class Host:
         self._holder = subprocess.Popen(
             ['unshare', '-n', '-m', 'sh', '-c', 'mount -t tmpfs tmpfs /dev/shm && '
              'ip link set lo up && echo ready && exec sleep infinity'],
-            stdout=subprocess.PIPE, text=True, preexec_fn=_die_with_parent)
+            stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
         assert self._holder.stdout.readline() == 'ready\n', 'the namespace cannot be set up'
 
     @property
@@ -88,7 +88,7 @@ class Network:
             host.run(sys.executable, SWITCH, '--compute-checksums', 'eth0')
         self._switch = subprocess.Popen(
             [*self._hub.prefix, sys.executable, SWITCH, *ports], text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, preexec_fn=_die_with_parent)
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, preexec_fn=die_with_parent)
         self.change()
 
     def __enter__(self) -> 'Network':
@@ -113,7 +113,7 @@ class Network:
         self.change(loss=0.0, duplicate=0.0, reorder=0.0, rate=0.0, groups=[])
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Ask Linux to end this process when its parent dies."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 

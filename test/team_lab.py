@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from helpers import cut_grid, fake_grid, furnished_room, ros_environment
-from network import Host
+from network import die_with_parent, Host
 import numpy as np
 from robot_client import load_cells, save_cells
 from somfusion_ros.fusion.shared_map import Cells
@@ -90,7 +90,7 @@ class Lab:
         self._clients[robot] = subprocess.Popen(
             [*self._prefixes[robot], sys.executable, CLIENT, robot], env=self._environment,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            stderr=self.log(f'{robot}_client').open('ab'))
+            stderr=self.log(f'{robot}_client').open('ab'), preexec_fn=die_with_parent)
         if cells is not None:
             self.publish(robot, cells)
         self.start(robot, **parameters)
@@ -106,7 +106,8 @@ class Lab:
                 [*self._prefixes.get(robot, []), sys.executable, '-m',
                  'somfusion_ros.ros.fusion_node', '--ros-args', '-r',
                  f'__ns:=/{namespace or robot}', '-r', '/diagnostics:=diagnostics', *words],
-                env=self._environment, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+                env=self._environment, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
+                preexec_fn=die_with_parent)
 
     def end(self, robot: str, number: int = signal.SIGINT) -> int:
         """End a robot's fusion node by a signal; return its status."""

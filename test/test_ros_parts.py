@@ -82,7 +82,7 @@ def test_clusters_and_markers_show_what_was_learned() -> None:
     array = team_markers(learned, 'map', Time())
     again = deserialize_message(serialize_message(array), type(array))
     by_name = {m.ns: m for m in again.markers}
-    assert set(by_name) == {'segments', 'surfaces', 'norms'}
+    assert set(by_name) == {'segments', 'surfaces', 'norms', 'matches'}
     assert len(by_name['segments'].points) == len(by_name['segments'].colors)
     assert len(by_name['norms'].points) == 2 * len(rows)
 

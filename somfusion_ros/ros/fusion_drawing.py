@@ -8,22 +8,33 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 import numpy as np
-from somfusion_ros.fusion.features import Map
-from somfusion_ros.geometry import Array
+from somfusion_ros.fusion.features import Map, match
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.ros.diagnostics import status
 from somfusion_ros.ros.fusion_session import Snapshot
 from somfusion_ros.ros.peers import CLUSTERS, Heard, MAP_TOPICS
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+MATCH_ANGLE, MATCH_REACH = np.radians(10.0), 0.4   # [rad], [m] within which clusters match
 NORM_LENGTH = 0.3                  # [m] of a norm's arrow
 GOLDEN_ANGLE = 2.399963            # [rad] between the hues of two segments
 WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+RED = ColorRGBA(r=1.0, g=0.2, b=0.2, a=1.0)
 YELLOW = ColorRGBA(r=1.0, g=0.9, b=0.2, a=1.0)
 
 
-def team_markers(learned: Map, frame: str, stamp: Time) -> MarkerArray:
-    """Segments in colour, surfaces between adjacent clusters, and point norms."""
+def matched_clusters(own: Map, peer: Map, T_own_peer: Pose) -> Array:
+    """Give ends (N, 2, 2) [m] of lines from a peer's clusters to the own ones they match."""
+    found = match(np.array(T_own_peer)[None], peer.features, own.features, own.nearest,
+                  MATCH_ANGLE, MATCH_REACH)
+    agrees = found.agrees[0]
+    return np.stack([found.at[:, 0, agrees].T, own.features.centres[found.other[0, agrees]]], 1)
+
+
+def team_markers(learned: Map, frame: str, stamp: Time,
+                 matches: Array = np.empty((0, 2, 2))) -> MarkerArray:
+    """Segments in colour, surfaces between adjacent clusters, point norms, and matches."""
     header, c = Header(frame_id=frame, stamp=stamp), learned.clusters
     segments = _marker(header, 'segments', Marker.POINTS, learned.cells, WHITE)
     segments.colors = [_hue(int(s)) for s in learned.segments]
@@ -32,7 +43,8 @@ def team_markers(learned: Map, frame: str, stamp: Time) -> MarkerArray:
     tips = c.centres + NORM_LENGTH * c.norms
     norms = _marker(header, 'norms', Marker.LINE_LIST,
                     np.stack([c.centres, tips], 1).reshape(-1, 2), YELLOW)
-    return MarkerArray(markers=[segments, surfaces, norms])
+    matched = _marker(header, 'matches', Marker.LINE_LIST, matches.reshape(-1, 2), RED)
+    return MarkerArray(markers=[segments, surfaces, norms, matched])
 
 
 def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],

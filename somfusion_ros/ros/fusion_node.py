@@ -111,7 +111,8 @@ class FusionNode(Node):
         """Take all that arrived; tell the peers of the robot's own map where it changed."""
         own = self._intake.drain()
         if own is not None:
-            self._publisher.learned(learn(self._session.own_grid, self._fusion))
+            self._publisher.learned(learn(self._session.own_grid, self._fusion),
+                                    self._session.placed_peers())
             self._link.share(own)
 
     def _draw(self, force: bool = False) -> None:

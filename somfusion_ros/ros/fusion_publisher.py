@@ -9,6 +9,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid
+import numpy as np
 from sensor_msgs.msg import PointCloud2
 from somfusion_ros.config import FusionNodeConfig
 from somfusion_ros.fusion.features import Map
@@ -18,7 +19,7 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.ros import conversions as convert
 from somfusion_ros.ros import qos
 from somfusion_ros.ros.diagnostics import diagnostic_array
-from somfusion_ros.ros.fusion_drawing import team_markers
+from somfusion_ros.ros.fusion_drawing import matched_clusters, team_markers
 from somfusion_ros.ros.fusion_session import Snapshot
 from somfusion_ros.ros.peers import Heard, TimedPose
 from somfusion_ros.ros.tf import Broadcaster
@@ -99,12 +100,18 @@ class FusionPublisher:
                 PoseWithCovarianceStamped, f'peer_poses/{robot}', qos.STREAM)
         return self._pose_publishers[robot]
 
-    def learned(self, learned: Map) -> None:
-        """Publish the clusters of the robot's own map, and markers where somebody looks."""
+    def learned(self, learned: Map, peers: Iterable[tuple[Map, Pose]]) -> None:
+        """
+        Publish the clusters of the robot's own map, and markers where somebody looks.
+
+        Markers show the matches with peers' maps that lie at T_own_peer.
+        """
         stamp, frame = self._now(), self.frame(self._robot)
         self._clusters.publish(convert.cluster_cloud(cluster_rows(outline(learned)), frame, stamp))
         if self._markers.get_subscription_count():
-            self._markers.publish(team_markers(learned, frame, stamp))
+            matches = [matched_clusters(learned, *peer) for peer in peers]
+            self._markers.publish(team_markers(learned, frame, stamp, np.concatenate(
+                [np.empty((0, 2, 2)), *matches])))
 
     def diagnostics(self, statuses: Iterable[DiagnosticStatus]) -> None:
         """Publish statuses."""

@@ -14,9 +14,10 @@ import numpy as np
 
 from somfusion_ros.config import FusionConfig, FusionNodeConfig
 from somfusion_ros.fusion.alignment import align, Alignment
-from somfusion_ros.fusion.features import Clusters
+from somfusion_ros.fusion.features import Clusters, Map
 from somfusion_ros.fusion.global_map import merge_grids
 from somfusion_ros.fusion.keeping import Keeping, Kept
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.members import Team
 from somfusion_ros.fusion.shared_map import SharedMap
 from somfusion_ros.fusion.team import Edge, Solution
@@ -85,6 +86,11 @@ class FusionSession:
         """The robot's own newest map."""
         own = self._team.maps.get(self._name)
         return own and own.grid
+
+    def placed_peers(self) -> list[tuple[Map, Pose]]:
+        """Give what was learned of the maps of accepted peers, each with T_own_peer."""
+        return [(learn(self._team.maps[peer].grid, self.fusion), pose)
+                for peer, pose in self._team.own_transforms().items() if peer in self._team.maps]
 
     def take_map(self, robot: str, shared: SharedMap, now: float = 0.0) -> bool:
         """Take a robot's map; tell whether it changed anything."""
