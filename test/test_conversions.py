@@ -4,11 +4,14 @@
 
 from array import array
 
-from helpers import fake_grid, fake_room, fake_scan, need_ros
+from helpers import (cut_grid, fake_grid, fake_room, fake_scan, furnished_room, need_ros,
+                     pose_error)
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.geometry import Pose
+from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.global_map import merge_grids
+from somfusion_ros.geometry import inverse, Pose
 from somfusion_ros.grid import Grid
 
 need_ros()
@@ -197,3 +200,25 @@ def test_a_cluster_cloud_is_read_back_by_its_fields() -> None:
     assert kind.itemsize == cloud.point_step
     assert points['weight'].tolist() == [6.0, 13.0]
     assert convert.cluster_cloud(np.zeros((0, 7), np.float32), 'map', Time()).width == 0
+
+
+def as_slam_toolbox_does(grid: Grid) -> OccupancyGrid:
+    """Publish a map as slam_toolbox does: -1, 0 and 100 only, no yaw, no larger than known."""
+    level = merge_grids({'own': grid}, {'own': Pose()})
+    message = convert.grid_message(level, 'map', Time(sec=5))
+    cells = np.where(level.occupied, 100, np.where(level.free, 0, -1)).astype(np.int8)
+    message.data = array('b', cells.tobytes())
+    return over_the_wire(message)
+
+
+@pytest.mark.parametrize('share', [0.8, 1.0], ids=['still growing', 'whole'])
+def test_grids_in_the_format_of_slam_toolbox_merge(share: float) -> None:
+    walls, T_map_walls = furnished_room(), Pose(3.0, -2.0, 0.6)
+    seen = cut_grid(fake_grid(walls), (-1.0, -1.0), (14.0 * share, 12.0))
+    target, source = (convert.grid_from_message(as_slam_toolbox_does(grid), LIMIT)
+                      for grid in (seen, fake_grid(walls, T_map_walls=T_map_walls)))
+    found = align(target, source, rng=np.random.default_rng(0))
+    assert found.accepted, found.reason
+    metres, radians = pose_error(found.T_target_source, inverse(T_map_walls))
+    assert metres < 0.05
+    assert radians < np.radians(0.5)
