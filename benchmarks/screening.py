@@ -1,0 +1,69 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure whether clusters alone tell which maps are worth sending.
+
+usage: python benchmarks/screening.py [FOLDER]       (default: the shared pairs)
+
+For every pair of maps, both robots screen the other's clusters, as they come over the wire, and
+the whole maps are matched. Prints how many pairs that the verdict accepts would have been missed,
+and how many others would have been sent for nothing. Asserts nothing.
+"""
+
+import csv
+import os
+from pathlib import Path
+import sys
+import time
+
+for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(name, '1')
+
+from builtin_interfaces.msg import Time  # noqa: E402, I100
+import numpy as np  # noqa: E402
+from somfusion_ros.fusion.alignment import align  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.fusion.screening import outline, screen  # noqa: E402
+from somfusion_ros.grid import Grid  # noqa: E402
+from somfusion_ros.ros.conversions import cluster_cloud  # noqa: E402
+from somfusion_ros.ros.team_messages import clusters_from_message  # noqa: E402
+from somfusion_ros.tools.cluster_rows import cluster_rows  # noqa: E402
+
+SHARED = Path(os.environ.get('SOMFUSION_DATA', Path(__file__).resolve().parents[2] / 'shared'))
+
+
+def grids(path: Path) -> tuple[Grid, Grid]:
+    """Read both maps of a pair."""
+    with np.load(path) as pair:
+        target, source = (Grid.from_occupancy(pair[name], float(pair['resolution']), (
+            *pair[f'{name}_origin'], 0.0)) for name in ('target', 'source'))
+    return target, source
+
+
+def main() -> None:
+    """Print the table."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED / 'data' / 'pairs'
+    counts, missed, sizes, seconds = np.zeros((2, 2), int), [], [], []
+    with (folder / 'manifest.csv').open() as file:
+        names = [row['name'] for row in csv.DictReader(file)]
+    for name in names:
+        pair = grids(folder / f'{name}.npz')
+        clouds = [cluster_cloud(cluster_rows(outline(learn(grid))), 'map', Time())
+                  for grid in pair]
+        sizes += [len(cloud.data) for cloud in clouds]
+        start = time.process_time()
+        likely = [screen(learn(grid), clusters_from_message(cloud)).likely
+                  for grid, cloud in zip(pair, clouds[::-1], strict=True)]
+        seconds.append((time.process_time() - start) / 2.0)
+        accepted = align(*pair).accepted
+        counts[int(accepted), int(any(likely))] += 1
+        if accepted and not any(likely):
+            missed.append(name)
+    print(f'of {counts[1].sum()} pairs that are accepted, {counts[1, 0]} would be missed '
+          f'{" ".join(missed)}\nof {counts[0].sum()} others, {counts[0, 1]} would be sent for '
+          f'nothing\n{np.median(sizes) / 1e3:.1f} kB of clusters per map (median), '
+          f'{max(sizes) / 1e3:.1f} kB (most); {1e3 * np.median(seconds):.0f} ms to screen one')
+
+
+if __name__ == '__main__':
+    main()
