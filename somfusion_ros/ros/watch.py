@@ -111,8 +111,8 @@ def main(args: list[str] | None = None) -> int:
     """Show a team's maps in the terminal as they merge."""
     parser = argparse.ArgumentParser(prog='somfusion watch', description=main.__doc__)
     parser.add_argument('--once', action='store_true', help='show the team once and end')
-    parser.add_argument('--wait', type=float, default=3.0, metavar='S',
-                        help='with --once: how long to listen [s] (default 3)')
+    parser.add_argument('--wait', type=float, default=5.0, metavar='S',
+                        help='with --once: how long to listen [s] (default 5)')
     parser.add_argument('--map-topic', default='map', metavar='NAME',
                         help="last name of the robots' map topics (default map)")
     parser.add_argument('--svg', metavar='FILE', help='also keep the last picture as SVG')
