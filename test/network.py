@@ -19,7 +19,7 @@ import pytest
 SUBNET = '10.77.0.{}'
 SWITCH = str(Path(__file__).with_name('switch.py'))
 PR_SET_PDEATHSIG = 1
-TOOLS = ('unshare', 'nsenter', 'ip', 'mount')
+TOOLS = ('unshare', 'nsenter', 'setpriv', 'ip', 'mount')
 TIMEOUT = 20.0   # [s] for a tool or the switch to answer
 
 
@@ -57,7 +57,7 @@ class Host:
     @property
     def prefix(self) -> list[str]:
         """Words before a command that make it run in here."""
-        return ['nsenter', '-t', str(self.process), '-n', '-m']
+        return ['nsenter', '-t', str(self.process), '-n', '-m', 'setpriv', '--pdeathsig', 'KILL']
 
     def run(self, *command: str) -> None:
         """Run a short command in here."""

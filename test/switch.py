@@ -22,6 +22,7 @@ import time
 
 ALL_PROTOCOLS = 0x0003
 OUTGOING = 4             # packet type of frames that this host sends itself
+GROUP = 0x01             # bit of an address that stands for many
 BUFFER = 1 << 22         # bytes
 QUEUE = 1 << 17          # bytes that wait for a slow port before frames are lost
 HELD = (0.002, 0.05)     # [s] that a frame is held back to disorder the others
@@ -35,6 +36,7 @@ class Switch:
     def __init__(self, interfaces: list[str]) -> None:
         self.ports = [_open(name) for name in interfaces]
         self.settings = {'loss': 0.0, 'duplicate': 0.0, 'reorder': 0.0, 'rate': 0.0, 'groups': []}
+        self._learned: dict[bytes, int] = {}   # at which port an address was heard
         self.received = [0] * len(self.ports)
         self._free_at = [0.0] * len(self.ports)
         self._waiting: list[tuple[float, int, int, bytes]] = []
@@ -46,7 +48,9 @@ class Switch:
         if address[2] == OUTGOING:
             return
         self.received[port] += len(frame)
-        for other in range(len(self.ports)):
+        self._learned[frame[6:12]] = port
+        known = None if frame[0] & GROUP else self._learned.get(frame[:6])
+        for other in range(len(self.ports)) if known is None else (known,):
             if other != port and self._connected(port, other) and not self._chance('loss'):
                 for _ in range(1 + self._chance('duplicate')):
                     self._send(other, frame)

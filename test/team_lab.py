@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team of real fusion nodes, each with a client in the place of its robot."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 import json
 from pathlib import Path
+import resource
 import signal
 import subprocess
 import sys
@@ -109,6 +110,19 @@ class Lab:
                 env=self._environment, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
                 preexec_fn=die_with_parent)
 
+    def run(self, name: str, program: str, *arguments: str) -> None:
+        """Start another program of this folder, to be ended like a fusion node."""
+        with self.log(name).open('ab') as log:
+            self.nodes[name] = subprocess.Popen(
+                [sys.executable, str(Path(__file__).with_name(program)), *arguments],
+                env=self._environment, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
+                preexec_fn=die_with_parent)
+
+    def memory(self, robot: str) -> float:
+        """Tell the memory [MB] that a robot's fusion node holds."""
+        pages = int(Path(f'/proc/{self.nodes[robot].pid}/statm').read_text().split()[1])
+        return pages * resource.getpagesize() / 2 ** 20
+
     def end(self, robot: str, number: int = signal.SIGINT) -> int:
         """End a robot's fusion node by a signal; return its status."""
         process = self.nodes.pop(robot)
@@ -180,14 +194,14 @@ class Lab:
         return all(equal_share(maps[0], other) >= EQUAL for other in maps)
 
     def until_equal(self, robots: Iterable[str], team: Iterable[str] | None = None,
-                    timeout: float = SETTLED) -> float:
+                    timeout: float = SETTLED, others: Collection[str] = ()) -> float:
         """Wait until robots are connected with all of a team and show the same global map."""
         robots, worst = sorted(robots), {}
         team = set(team or robots)
 
         def equal() -> bool:
             worst['connected'] = {robot: sorted(self.connected(robot)) for robot in robots}
-            if any(set(found) != team for found in worst['connected'].values()):
+            if any(set(found) - set(others) != team for found in worst['connected'].values()):
                 return False
             maps = [self.global_map(robot) for robot in robots]
             if any(one is None for one in maps):

@@ -11,12 +11,13 @@ One team lives through all tests of this file. After every fault no process is d
 from collections.abc import Iterator
 import signal
 
-from helpers import need_ros
+from helpers import fake_grid, fake_room, need_ros
 import pytest
+from somfusion_ros.fusion.shared_map import Cells
 
 need_ros()
 
-from team_lab import Lab, map_of, START  # noqa: E402, I100
+from team_lab import frame_of, Lab, map_of, START  # noqa: E402, I100
 
 pytestmark = pytest.mark.system
 TEAM = ['robot1', 'robot2', 'robot3']
@@ -75,7 +76,34 @@ def test_two_robots_of_one_name_are_noticed_and_hurt_nobody_else(lab: Lab) -> No
     lab.until_equal(TEAM, [*TEAM, 'robot4'])
 
 
+def test_a_flood_of_garbage_hurts_nobody(lab: Lab) -> None:
+    before = lab.memory('robot1')
+    lab.run('hostile', 'hostile_robot.py', 'robot0')   # its name sorts first
+    lab.until(lambda: sum(int(value) for kind, value in lab.status('robot1').items()
+                          if kind.endswith('of_robot0_unusable')) > 20,
+              lambda: 'robot1 refuses what robot0 says')
+    lab.publish('robot2', map_of(2, SIZE, 0.9))
+    lab.until_equal(TEAM, [*TEAM, 'robot4'])
+    lab.pause(5.0)
+    assert lab.memory('robot1') - before < 50.0   # [MB]
+    assert lab.end('hostile', signal.SIGKILL) == -signal.SIGKILL
+    lab.until_equal(TEAM, [*TEAM, 'robot4'])
+
+
+def test_a_map_that_flips_between_two_buildings_loses_that_robot_at_most(lab: Lab) -> None:
+    elsewhere = fake_grid(fake_room(5.0, 4.0), T_map_walls=frame_of(9))
+    flipped = Cells(elsewhere.to_occupancy(), elsewhere.resolution, elsewhere.T_frame_grid)
+    for _ in range(3):
+        for cells in (flipped, map_of(3, SIZE)):
+            lab.publish('robot3', cells)
+            lab.pause(1.5)
+            assert {'robot1', 'robot2', 'robot4'} <= lab.connected('robot1')
+            assert {'robot1', 'robot2', 'robot4'} <= lab.connected('robot2')
+    lab.until(lambda: lab.equal_within(['robot1', 'robot2']), lambda: 'robot1 and robot2 equal')
+
+
 def test_a_robot_under_a_new_name_is_welcome(lab: Lab) -> None:
     assert lab.remove('robot3') == 0
     lab.add('robot13', map_of(3, SIZE))
-    lab.until_equal(['robot1', 'robot2', 'robot13'], [*TEAM, 'robot4', 'robot13'])
+    lab.until_equal(['robot1', 'robot2', 'robot13'], ['robot1', 'robot2', 'robot4', 'robot13'],
+                    others={'robot3'})
