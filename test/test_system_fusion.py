@@ -12,9 +12,10 @@ import sys
 from typing import Any
 
 from helpers import (cut_grid, fake_grid, fake_room, furnished_room, need_ros, pose_error, ROOT,
-                     ros_environment)
+                     ros_environment, write_fake_bag)
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from somfusion_ros.geometry import apply, between, compose, Pose
 from somfusion_ros.grid import Grid
 
@@ -225,30 +226,42 @@ def test_a_peer_with_garbage_is_counted_and_the_others_go_on(graph: Graph) -> No
     graph.assert_clean(graph.processes.stop())
 
 
-def test_a_late_joiner_is_reached_through_another_and_a_restarted_peer_again(
-        graph: Graph) -> None:
-    whole = {robot: map_of(robot) for robot in FRAMES}
-    left = cut_to_walls(whole['robot1'], 'robot1', (-1.0, -1.0), (6.5, 12.0))
-    right = cut_to_walls(whole['robot3'], 'robot3', (7.5, -1.0), (15.0, 12.0))
-    keep = [publish_map(graph, 'robot1', left), publish_map(graph, 'robot2', whole['robot2'])]
-    first = start(graph, 'robot1', '-p', 'peer_timeout:=3.0')
-    start(graph, 'robot2')
-    graph.until(lambda: first['map'], 'first global map')
-    keep.append(publish_map(graph, 'robot3', right))   # joins later
-    third = start(graph, 'robot3')
-    graph.until(lambda: any(share_of_walls(m, 'robot3', right, 'robot1') > 0.9
-                            for m in first['map'][-1:]), "robot3's walls in robot1's map")
-    graph.until(lambda: any(share_of_walls(m, 'robot1', left, 'robot1') > 0.9
-                            for m in third['map'][-1:]), "robot1's walls in robot3's map")
-    graph.assert_clean(graph.processes.stop(['robot2']))
-    first['transform'].clear()
-    graph.start('robot2 again', 'fusion_node', '/robot2', *FAST)
-    heard = listen(graph, 'robot2')['transform']
-    heard.clear()
-    graph.until(lambda: {m.child_frame_id for m in heard} == {'robot1/map', 'robot3/map'},
-                'both transforms of the restarted peer')
+def test_a_slam_node_that_is_killed_begins_a_new_map_that_joins_again(graph: Graph,
+                                                                      tmp_path: Path) -> None:
+    there, back = [(1.0, 1.0), (4.0, 1.2), (6.5, 2.6)], [(4.0, 3.2), (1.5, 4.5), (1.2, 2.0)]
+    write_fake_bag(tmp_path / 'bag', waypoints=np.array(3 * (there + back)))
+    keep = publish_map(graph, 'robot1', fake_grid(fake_room()))
+    result = start(graph, 'robot1')
+    start(graph, 'robot2', '-p', 'use_sim_time:=true')
+
+    def start_slam(use_sim_time: str) -> int:
+        return graph.processes.start('slam', 'somfusion_ros.ros.slam_node', [
+            '--ros-args', '-r', '__ns:=/robot2', '-p', 'laser_pose:=[0.1, 0.0, 0.0]',
+            '-p', 'map_update_interval:=1.0', '-p', f'use_sim_time:={use_sim_time}'])
+
+    def joined() -> bool:
+        merged = result['map'] and convert.grid_from_message(result['map'][-1], LIMIT)
+        return bool(merged) and share_of_strangers(merged) < 0.03
+    first = start_slam('false')
+    graph.processes.start('player', 'somfusion_ros.ros.player', [
+        str(tmp_path / 'bag'), '--rate', '2', '--ros-args', '-r', '__ns:=/robot2'])
+    graph.until(joined, 'one map of both')
+    os.kill(first, signal.SIGKILL)
+    graph.processes.stop(['slam'])
+    assert graph.processes.statuses.pop('slam') == -signal.SIGKILL
+    result['map'].clear()
+    start_slam('true')
+    graph.until(joined, 'one map of both, with a new one of robot2')
     assert keep
     graph.assert_clean(graph.processes.stop())
+
+
+def share_of_strangers(merged: Grid) -> float:
+    """Share of the wall cells of a map in robot1's frame that lie over 0.2 m from any wall."""
+    truth = fake_grid(fake_room())
+    walls = truth.points(truth.occupied)
+    away = cKDTree(walls).query(merged.points(merged.occupied))[0]
+    return float((away > 0.2).mean())
 
 
 def test_a_sighting_joins_robots_whose_maps_do_not_overlap(graph: Graph) -> None:
