@@ -15,6 +15,8 @@ import numpy as np
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import Array, between, compose, compose_jacobians, wrap
 from somfusion_ros.slam.calibration import Calibration
+from somfusion_ros.slam.error_model import (
+    along, HANDED_ON, ScaleError, sweep_covariance, turned)
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
@@ -23,6 +25,7 @@ from somfusion_ros.slam.resuming import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
+AGREED = 9.0             # squared Mahalanobis distance at which they agree
 SIMILAR = 0.05           # share of points by which a match must win over the odometry's
 SUDDEN = 0.5             # share of the usual inlier ratio below which something happened,
 BROKE = (0.3, 0.3)       # [m] [rad] if the odometry also broke off the motion by more than this
@@ -39,12 +42,13 @@ class Track:
     """
     The state after one scan.
 
-    T_view_base (3,) from the last view, its covariance P (3, 3), whether a match corrected it,
-    the share of the scan that the match explained, and what was wrong, '' if nothing.
+    T_view_base (3,) from the last view, the covariance R (3, 3) with which the views after this
+    one inherit its error, whether a match corrected it, the share of the scan that the match
+    explained, and what was wrong, '' if nothing.
     """
 
     T_view_base: Array
-    P: Array
+    R: Array
     matched: bool
     inlier_ratio: float
     reason: str
@@ -59,6 +63,7 @@ class Tracker:
         self._map: LocalMap | None = None
         self.odometry: Odometry | None = None
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
+        self._scale = ScaleError()
         self._velocity, self._dt = np.zeros(3), 0.0
         self._unseen = 0.0           # [s] since the last match
         self._usual = 0.0            # inlier ratio of late
@@ -95,7 +100,18 @@ class Tracker:
         self._map = local_map
         if self._anchor is not None:
             self._anchor = self._anchor[0], between(self.T_view_base, self._anchor[1])
-        self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
+        T = turned(self.T_view_base[2])
+        self.P = (1.0 - HANDED_ON) * T @ self.P @ T.T
+        self._scale.start_view(self.T_view_base[2])
+        self.T_view_base = np.zeros(3)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (3, 3) of T_view_base, with the unknown scale of the odometry."""
+        return self.P + self._scale_covariance()
+
+    def _scale_covariance(self) -> Array:
+        return self._scale.covariance(self.calibration.P_travelling[0, 0])
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
         """Predict to the scan's odometry, then correct by matching the scan."""
@@ -112,10 +128,12 @@ class Tracker:
             self._keep_anchor(match, previous, before)
             ratio = match.inlier_ratio
             if matched:
-                self._correct(match)
+                self._correct(match, match.covariance + sweep_covariance(
+                    scan.sweep, odometry.twist, self._noise))
                 if not (reason or was_lost) and ratio >= self.config.doubtful_inlier_ratio:
                     self.calibration.learn(previous, odometry,
-                                           between(before, self.T_view_base))
+                                           between(before, self.T_view_base),
+                                           along(match.covariance, self.T_view_base[2]))
             else:
                 reason = reason or ('lost' if self.lost else 'match_rejected')
         if matched:
@@ -123,7 +141,8 @@ class Tracker:
             self._usual += MEMORY * (ratio - self._usual)
         if self._dt > 0.0 and not self.lost:
             self._velocity = between(before, self.T_view_base) / self._dt
-        return Track(self.T_view_base, self.P, matched, ratio, reason)
+        R = HANDED_ON * self.P + self._scale_covariance()
+        return Track(self.T_view_base, R, matched, ratio, reason)
 
     def _predict(self, odometry: Odometry) -> str:
         """Compose the odometry's increment (section II-A); return what is wrong with it."""
@@ -141,6 +160,7 @@ class Tracker:
         F, G = compose_jacobians(self.T_view_base, step)
         self.T_view_base = compose(self.T_view_base, step)
         self.P = F @ self.P @ F.T + G @ Q @ G.T
+        self._scale.predict(F, G, step)
         return reason
 
     def _match(self, scan: Cloud, before: Array, jumped: bool) -> tuple[Match, bool]:
@@ -174,11 +194,11 @@ class Tracker:
         """
         Tell whether a match is clear enough to overrule the odometry; else become lost.
 
-        Less of the scan is enough where the search finds the same, and it is near where the robot
-        coasted to or the odometry caught up.
+        Less of the scan is enough where the search finds the same, and the odometry or the robot's
+        own motion expects it.
         """
-        confirmed = same(best, tried[-1]) and any(
-            near(best.match.T_map_scan, pose, BROKE) for pose in expected[1:])
+        confirmed = same(best, tried[-1]) and (self._disagreement(best.match) < AGREED or any(
+            near(best.match.T_map_scan, pose, BROKE) for pose in expected[1:]))
         enough = (self.config.minimum_inlier_ratio if confirmed
                   else self.config.doubtful_inlier_ratio)
         found = best.match.inlier_ratio >= enough and not rivals(best, tried)
@@ -216,13 +236,13 @@ class Tracker:
         y[2] = wrap(y[2])
         return y
 
-    def _correct(self, match: Match) -> None:
+    def _correct(self, match: Match, R: Array) -> None:
         """Kalman update of the current pose; a slip shows as disagreement and widens P first."""
         P = self.P * max(1.0, self._disagreement(match) / 9.0) + 1e-9 * np.eye(3)
-        R, y = match.covariance, self._innovation(match, self.T_view_base)
         K = P @ np.linalg.inv(P + R)
-        x = self.T_view_base + K @ y
+        x = self.T_view_base + K @ self._innovation(match, self.T_view_base)
         x[2] = wrap(x[2])
         self.T_view_base = x
         I_K = np.eye(3) - K
         self.P = I_K @ P @ I_K.T + K @ R @ K.T
+        self._scale.correct(I_K)
