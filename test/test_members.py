@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from somfusion_ros.fusion.alignment import Alignment, RunnerUp
 from somfusion_ros.fusion.members import begun_anew, Team
-from somfusion_ros.fusion.pair import change, Pair, REFUSALS, same_pose, SOON, TIME_SHARE
+from somfusion_ros.fusion.pair import (change, Pair, REFUSALS, same_pose, SOON, STEP_DISTANCE,
+                                       TIME_SHARE)
 from somfusion_ros.fusion.shared_map import SharedMap
 from somfusion_ros.fusion.team import Edge
 from somfusion_ros.geometry import compose, inverse, Pose
@@ -91,6 +92,18 @@ def test_the_same_pose_follows_smoothly() -> None:
     pair = Pair()
     assert told(pair, verdict(THERE), verdict(NEARLY_THERE, 0.96)) == ['accepted', 'updated']
     assert pair.held.T_target_source == NEARLY_THERE
+
+
+def test_a_pose_that_moves_by_more_than_a_step_is_followed_in_steps() -> None:
+    pair, moved = Pair(), Pose(3.3, 1.2, 0.5)
+    assert told(pair, verdict(THERE), verdict(moved)) == ['accepted', 'updated']
+    first = pair.held.T_target_source
+    assert pose_error(first, THERE)[0] == pytest.approx(STEP_DISTANCE)
+    assert not pair.settled
+    assert pair.due(ROOM, ROOM, SOON, 0.1)
+    assert told(pair, *[verdict(moved)] * 3) == ['updated'] * 3
+    assert pair.held.T_target_source == moved
+    assert pair.settled
 
 
 def test_another_pose_must_be_clearly_better_twice_in_a_row() -> None:

@@ -4,21 +4,25 @@
 The history of one pair of maps: when to match it again, and which verdict holds.
 
 A verdict that holds is replaced by another pose only if that is clearly better twice in a row,
-so that the global map does not jump; a verdict at nearly the same pose follows at once, so that
-loop closures move the map smoothly.
+so that the global map does not jump; a verdict at nearly the same pose is followed in small steps,
+so that loop closures move the map smoothly.
 """
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from somfusion_ros.fusion.alignment import Alignment
-from somfusion_ros.geometry import apply, Array, Pose, wrap
+from somfusion_ros.geometry import apply, Array, between, compose, Pose, wrap
 from somfusion_ros.grid import Grid
 
 SAME_DISTANCE = 0.5                # [m] at the walls of the source map; nearer is the same pose
 SAME_HEADING = np.radians(5.0)     # [rad]
 DOUBT_RATIO = 0.5                  # clearly better: at most this share of the doubt is left
 CONFIRMATIONS = 2                  # times in a row before another pose replaces the one that holds
+STEP_DISTANCE = 0.15               # [m] furthest that a pose that holds moves at once,
+STEP_HEADING = np.radians(1.5)     # [rad]; the rest follows when the pair is matched again
 LIKELY = 0.5                       # a refusal at this probability is no clear one
 REFUSALS = 4                       # clear refusals in a row that withdraw a verdict
 SOON = 5.0                         # [s] after which small changes of a map count as well, and a
@@ -37,6 +41,7 @@ class Pair:
         self.attempts = 0
         self.settled = False   # whether the last word was said on the maps of now
         self._rivals: list[Alignment] = []
+        self._on_the_way = False
         self._refusals = 0
         self._matched: tuple[Grid, Grid] | None = None
         self._matched_at = 0.0
@@ -58,7 +63,7 @@ class Pair:
         patience = max(SOON, TIME_SHARE * sum(self.last.seconds.values()))
         rested = now - self._matched_at >= patience
         changed = max(change(old, new) for old, new in zip(self._matched, (target, source)))
-        self.settled = changed < LEAST_CHANGE and not self._rivals
+        self.settled = changed < LEAST_CHANGE and not self._unfinished
         if rested:
             return not self.settled
         return changed >= max(minimum_change, LEAST_CHANGE)
@@ -68,8 +73,13 @@ class Pair:
         self.last, self._matched, self._matched_at = alignment, (target, source), now
         self.attempts += 1
         word = self._weigh(alignment, source)
-        self.settled = not self._rivals
+        self.settled = not self._unfinished
         return word
+
+    @property
+    def _unfinished(self) -> bool:
+        """Whether the same maps are to be matched again: to confirm a rival, or to go on."""
+        return bool(self._rivals) or self._on_the_way
 
     def _weigh(self, alignment: Alignment, source: Grid) -> str:
         """Weigh a verdict against the one that holds."""
@@ -79,7 +89,7 @@ class Pair:
         if not alignment.accepted:
             return 'kept' if same and alignment.probability >= LIKELY else self._doubt()
         if same:
-            return self._hold(alignment, 'updated')
+            return self._hold(self._towards(alignment), 'updated')
         return self._challenge(alignment, source)
 
     def _hold(self, alignment: Alignment, word: str) -> str:
@@ -87,13 +97,23 @@ class Pair:
         self.held, self._rivals, self._refusals = alignment, [], 0
         return word
 
+    def _towards(self, alignment: Alignment) -> Alignment:
+        """Go from the pose that holds towards a new verdict, by a small step at most."""
+        step = between(self.held.T_target_source, alignment.T_target_source)
+        size = max(np.hypot(step[0], step[1]) / STEP_DISTANCE, abs(step[2]) / STEP_HEADING)
+        self._on_the_way = bool(size > 1.0)
+        if not self._on_the_way:
+            return alignment
+        return replace(alignment, T_target_source=Pose.from_array(
+            compose(self.held.T_target_source, step / size)))
+
     def _doubt(self) -> str:
         """Count a clear refusal; several in a row withdraw the verdict that holds."""
         self._rivals = []
         self._refusals += 1
         if self._refusals < REFUSALS:
             return 'kept'
-        self.held, self._refusals = None, 0
+        self.held, self._refusals, self._on_the_way = None, 0, False
         return 'withdrawn'
 
     def _challenge(self, rival: Alignment, source: Grid) -> str:

@@ -77,6 +77,7 @@ class FusionSession:
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
         self._said: set[str] = set()
+        self._accepted: dict[str, Pose] = {}
         self._jumps = 0
         self._drawn: dict[str, tuple[SharedMap, Pose]] = {}
         self.refresh()
@@ -99,6 +100,8 @@ class FusionSession:
         if self._team.begun_anew[robot] > begun:
             pause = 0.0 if not begun else min(FIRST_PAUSE * 2.0 ** begun, LONGEST_PAUSE)
             self._looked[robot] = now + pause
+            for peer in list(self._accepted) if robot == self._name else [robot]:
+                self._accepted.pop(peer, None)
             self._say(f'{robot} began a new map, for the {begun + 1}. time: its old place is '
                       f'forgotten, a new one is sought in {pause:.0f} s')
         return changed
@@ -134,10 +137,9 @@ class FusionSession:
         if peer is None:
             return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
         target, source = self._team.grids_of(peer)
-        before = self._team.own_transforms().get(peer)
         verdict = align(target, source, self.fusion, np.random.default_rng(SEED))
         self._words[peer] = self._team.record(peer, verdict, target, source, now)
-        self._count_jump(before, self._team.own_transforms().get(peer))
+        self._count_jump(peer, self._team.own_transforms().get(peer))
         self._say(f'{self._name} and {peer}: {self._words[peer]}; {verdict.reason}')
         return peer
 
@@ -205,11 +207,12 @@ class FusionSession:
         self._looked[peer] = now
         return force or self._team.is_due(peer, now)
 
-    def _count_jump(self, before: Pose | None, after: Pose | None) -> None:
-        """Count an accepted transform that gave way to one elsewhere."""
-        if before is not None and after is not None:
-            step = between(before, after)
+    def _count_jump(self, peer: str, accepted: Pose | None) -> None:
+        """Count an accepted transform that gave way to one elsewhere, at once or after a while."""
+        if accepted is not None:
+            step = between(self._accepted.get(peer, accepted), accepted)
             self._jumps += bool(np.hypot(step[0], step[1]) > JUMP[0] or abs(step[2]) > JUMP[1])
+            self._accepted[peer] = accepted
 
     def _looks_drawn(self, parts: dict[str, tuple[SharedMap, Pose]]) -> bool:
         """Tell whether the same maps lay at the same poses when last drawn."""
