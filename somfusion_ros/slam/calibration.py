@@ -13,6 +13,9 @@ wrong; what is proportional to the turn, to the travel, or to the change of spee
 A Kalman filter with constant state holds each line's coefficients and their uncertainty.
 """
 
+from collections import deque
+from dataclasses import dataclass
+
 import numpy as np
 
 from somfusion_ros.geometry import Array, between
@@ -24,6 +27,28 @@ TURN_NOISE = (0.015, 0.10)        # [rad] and share of the turn that is not syst
 TRAVEL_NOISE = (0.015, 0.05)      # [m] and share of the travel
 GATE = 3.0                        # sigmas beyond which a step is a slip, not a calibration
 MAX_LAG = 0.5                     # [s]
+TURNING = 0.15                    # [rad/s] below which a turn rate is the matches' noise
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One step between stamps [s]: by odometry (3,), as matched (3,), its sigma along [m]."""
+
+    start: float
+    end: float
+    odometry: Array
+    matched: Array
+    along: float
+
+    @property
+    def time(self) -> float:
+        """Length [s] of the step."""
+        return self.end - self.start
+
+    @property
+    def turn_rate(self) -> float:
+        """Mean turn rate [rad/s], as matched."""
+        return float(self.matched[2]) / self.time
 
 
 class Calibration:
@@ -32,6 +57,7 @@ class Calibration:
     def __init__(self) -> None:
         self.turning, self.P_turning = np.zeros(3), np.diag(PRIOR_TURN) ** 2
         self.travelling, self.P_travelling = np.zeros(1), np.array([[PRIOR_TRAVEL ** 2]])
+        self._steps: deque[_Step] = deque(maxlen=3)
 
     @property
     def lag(self) -> float:
@@ -48,16 +74,41 @@ class Calibration:
         return np.array([c * stretched[0] - s * stretched[1],
                          s * stretched[0] + c * stretched[1], turn])
 
-    def learn(self, previous: Odometry, current: Odometry, matched: Array) -> None:
-        """Take in one step: its odometry at both ends, and the motion (3,) that was matched."""
-        step = between(previous.pose, current.pose)
-        h = np.array([current.twist[2] - previous.twist[2], step[2], step[0]])
+    def learn(self, previous: Odometry, current: Odometry, matched: Array, along: float) -> None:
+        """
+        Take in one step: its odometry at both ends, and the motion (3,) that was matched.
+
+        along [m] is the match's sigma along the motion. A step counts once the next one is
+        there, as the change of speed over it is seen by its neighbours.
+        """
+        if self._steps and self._steps[-1].end != previous.stamp:
+            self._steps.clear()
+        if not previous.stamp < current.stamp:
+            return
+        self._steps.append(_Step(previous.stamp, current.stamp,
+                                 between(previous.pose, current.pose), matched, along))
+        if len(self._steps) == 3:
+            self._take(*self._steps)
+
+    def _take(self, before: '_Step', now: '_Step', after: '_Step') -> None:
+        """
+        Update by a step between two others.
+
+        Both odometry and match err at random. What errs on both sides of an equation would pass
+        for scale or lag: turn and travel are the mean of the two, a change of speed is that of
+        the matches, and turns that may be noise say nothing.
+        """
+        odometry, matched = now.odometry, now.matched
+        turn, travel = 0.5 * (odometry[2] + matched[2]), 0.5 * (odometry[0] + matched[0])
+        change = 0.5 * (after.turn_rate - before.turn_rate)
+        h = np.array([change if abs(change) > TURNING else 0.0,
+                      turn if abs(turn) > TURNING * now.time else 0.0, travel])
         # The odometry was read with the lag known by now; what remains is the rest of it.
-        error = matched[2] - step[2] + self.turning[0] * h[0]
-        noise = TURN_NOISE[0] + TURN_NOISE[1] * abs(step[2])
+        error = matched[2] - odometry[2] + self.turning[0] * h[0]
+        noise = TURN_NOISE[0] + TURN_NOISE[1] * abs(turn)
         _update(self.turning, self.P_turning, h, error, noise)
-        noise = TRAVEL_NOISE[0] + TRAVEL_NOISE[1] * abs(step[0])
-        _update(self.travelling, self.P_travelling, step[:1], matched[0] - step[0], noise)
+        noise = np.hypot(TRAVEL_NOISE[0] + TRAVEL_NOISE[1] * abs(travel), now.along)
+        _update(self.travelling, self.P_travelling, h[2:], matched[0] - odometry[0], noise)
 
 
 def _update(x: Array, P: Array, h: Array, z: float, noise: float) -> None:

@@ -47,7 +47,7 @@ def recent(new: int, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
     _, first = np.unique(np.floor(seen.points / THINNING).astype(int), axis=0, return_index=True)
     first.sort()
     return Cloud(seen.points[first], seen.normals[first], seen.points[first], np.zeros(2),
-                 np.zeros((0, 2)))
+                 np.zeros((0, 2)), float(np.mean([clouds[k].noise for k in near])))
 
 
 def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config: SlamConfig
@@ -63,7 +63,9 @@ def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config
     agreement = agreement_of(found, cloud, target)
     if agreement < config.loop_minimum_agreement:
         return None
-    return Loop(Relation(candidate.old, new, found.T_map_scan, found.covariance),
+    # What a view saw takes part in the loops of as many views as are matched together.
+    R = RECENT_VIEWS * found.covariance
+    return Loop(Relation(candidate.old, new, found.T_map_scan, R),
                 agreement, candidate.sure)
 
 

@@ -21,10 +21,12 @@ from somfusion_ros.slam.scan import Cloud
 COARSE_GATE, COARSE_KERNEL = 0.5, 0.15  # [m] of kiss-icp's correspondences
 GATES = (0.25, 0.12, 0.10)  # [m] of the refinement's correspondences, narrowing
 SAME_SIDE = 0.5                         # cosine: normals that differ more are another surface
-RANGE_SIGMA = 0.02                      # [m] of one matched point
+RANGE_SIGMA = 0.02                      # [m] of one matched point, for the hold on the seed
+LEAST_SIGMA = 0.005                     # [m] of one matched point, however smooth the scan
 OVERSAMPLING = 5.0                      # neighbouring points share their error
 NORMAL_SIGMA = 0.10                     # [rad] of an estimated normal
-FLOOR = np.diag([0.004, 0.004, 0.002]) ** 2  # of any match: map error, motion during the scan
+FLOOR = np.diag([0.001, 0.001, 0.0005]) ** 2  # of any match
+QUALITY = 4   # power of the inlier ratio by which a match that fits in part is doubted
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,9 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
         inliers, residual = found, float(np.sqrt((w * e * e).sum() / max(w.sum(), 1e-9)))
     x[2] = wrap(x[2])
     H = _without_false_information(H, _jacobian(n[:, ::-1] * (-1.0, 1.0), arm), w)
-    sigma2 = OVERSAMPLING * max(RANGE_SIGMA, residual) ** 2
+    # The distance to the nearest of many points hides the noise; the scan's own scatter shows it.
+    sigma2 = OVERSAMPLING * max(LEAST_SIGMA, scan.noise, residual) ** 2
+    sigma2 /= max(inliers.mean(), 0.3) ** QUALITY
     information = H / sigma2
     information = information @ np.linalg.inv(np.eye(3) + FLOOR @ information)
     return Match(x, 0.5 * (information + information.T), float(inliers.mean()), residual)

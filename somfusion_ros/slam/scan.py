@@ -51,7 +51,9 @@ class Cloud:
 
     points (N, 2) [m] along the surfaces, normals (N, 2) facing the laser (zero where there is
     too little surface), hits (K, 2) every return, origin (2,) of the laser, rim (M, 2): the
-    polygon of the space that the beams passed, closed through the origin.
+    polygon of the space that the beams passed, closed through the origin; noise: scatter [m] of
+    the points about their surfaces, sweep [s]: time from the first beam to the last, 0 where it
+    is not known.
     """
 
     points: Array
@@ -59,6 +61,8 @@ class Cloud:
     hits: Array
     origin: Array
     rim: Array
+    noise: float = 0.0
+    sweep: float = 0.0
 
     def __len__(self) -> int:
         return len(self.points)
@@ -87,8 +91,9 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     hits = placed[hit]
     points, joined = _thin(hits, _joined(hits, np.flatnonzero(hit), ranges[hit],
                                          abs(scan.angle_increment)))
-    return Cloud(points, _normals(points, joined, origin), hits, origin,
-                 _rim(placed, reach, origin))
+    points, normals, noise = _surface(points, joined, origin)
+    return Cloud(points, normals, hits, origin, _rim(placed, reach, origin), noise,
+                 scan.time_increment * len(ranges))
 
 
 def _joined(points: Array, beams: NDArray[np.intp], ranges: Array, increment: float
@@ -130,11 +135,17 @@ def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
                             s * points[:, 0] + c * points[:, 1] + twist[1] * t])
 
 
-def _normals(points: Array, joined: NDArray[np.bool_], origin: Array, reach: int = 4) -> Array:
-    """Fit a line to up to `reach` neighbours on each side; its unit normals (N, 2)."""
+def _surface(points: Array, joined: NDArray[np.bool_], origin: Array,
+             reach: int = 4) -> tuple[Array, Array, float]:
+    """
+    Fit a line to each point (N, 2) and up to `reach` neighbours on each side.
+
+    Returns the points moved onto their lines, the lines' unit normals (N, 2), zero where the
+    surface is not flat, and the scatter [m] of the points about their lines.
+    """
     n = len(points)
     if n < 3:
-        return np.zeros((n, 2))
+        return points, np.zeros((n, 2)), 0.0
     count, first = np.ones(n), np.zeros((n, 2))
     second = np.zeros((n, 3))
     for direction in (1, -1):
@@ -155,7 +166,10 @@ def _normals(points: Array, joined: NDArray[np.bool_], origin: Array, reach: int
     flat = (count >= 4) & (spread > 0.8 * (xx + yy))
     normals = np.column_stack([-np.sin(angle), np.cos(angle)])
     normals[((origin - points) * normals).sum(1) < 0] *= -1
-    return np.where(flat[:, None], normals, 0.0)
+    normals = np.where(flat[:, None], normals, 0.0)
+    across = np.maximum(0.5 * (xx + yy - spread), 0.0)[flat] * count[flat] / (count[flat] - 2.0)
+    on_line = points + normals * (normals * mean).sum(1)[:, None]
+    return on_line, normals, float(np.sqrt(np.median(across))) if flat.any() else 0.0
 
 
 def _rim(placed: Array, reach: Array, origin: Array) -> Array:

@@ -161,9 +161,9 @@ class Slam:
 
     def _add_view(self, stamp: float, seen: Cloud, track: Track) -> None:
         """Let the filter keep the current pose, and match against it from now on."""
-        new = self._memory.ekf.augment(track.T_view_base, track.P)
+        new = self._memory.ekf.augment(track.T_view_base, track.R)
         if new:
-            self._memory.relations.append(Relation(new - 1, new, track.T_view_base, track.P))
+            self._memory.relations.append(Relation(new - 1, new, track.T_view_base, track.R))
         self._memory.clouds.append(seen)
         self._memory.centres.append(loops.centre(seen))
         self._memory.stamps.append(stamp)
@@ -219,8 +219,8 @@ class Slam:
     def _pose(self) -> tuple[Array, Array]:
         """Compose last view and tracker: pose T_map_base (3,) and its covariance (3, 3)."""
         if not self._memory.ekf.n:
-            return self._tracker.T_view_base, self._tracker.P
-        return self._memory.ekf.ahead(self._tracker.T_view_base, self._tracker.P)
+            return self._tracker.T_view_base, self._tracker.covariance
+        return self._memory.ekf.ahead(self._tracker.T_view_base, self._tracker.covariance)
 
     def _close(self, found: loops.Loop) -> None:
         """Let the filter take what is trusted."""

@@ -24,8 +24,10 @@ Scenery = Callable[[float], Scene]
 @dataclass(frozen=True, eq=False)
 class Trial:
     """
-    One drive: scans (N), odometry stamps (M,) [s], poses (M, 3) and wheels (M, 2) [rad], and
-    the truth: stamps (T,) [s] and poses (T, 3) in the frame of the first scan.
+    What the sensors told on one drive, and the truth.
+
+    Scans; odometry stamps (M,) [s], poses (M, 3) and wheels (M, 2) [rad]; true stamps (T,) [s]
+    and poses (T, 3) in the frame of the first scan.
     """
 
     scans: list[Scan]
