@@ -1,51 +1,46 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Learn the verdict's weights, and show how well calibrated its probability is.
+Who is accepted, at which probability, and how well calibrated that probability is.
 
-usage: calibration.py PAIRS_DIR [--scale S] [--seed N] [--fit]
+usage: calibration.py PAIRS_DIR [--replays DIR ...] [--share S] [--kinds NAME ...]
+                      [--keep FILE] [--fit]
 
-Makes true and false hypotheses from the pairs: as they are, bent, mirrored, cut without overlap,
-crossed with other places; and from simulated corridors and offices. Prints, per kind, how many
-are accepted, and a reliability table. With --fit it also learns the weights anew, each place left
-out in turn for the second table, and prints them for somfusion_ros/fusion/verdict.py.
+Judges true pairs of maps and pairs of different places of every kind that cases.py makes of the
+pairs, of maps that `somfusion replay` wrote, and of drawn maps. Prints, per kind, how many are
+accepted; the whole curve of accepts of true and of false pairs against the threshold; and a
+reliability table. With --fit it also learns the weights anew, judges each case by weights learned
+without its places, and prints the weights for somfusion_ros/fusion/verdict.py.
 """
 
 import argparse
 from collections import defaultdict
-from collections.abc import Iterator
-import csv
 from dataclasses import dataclass
-from itertools import chain
+from itertools import pairwise
+import os
 from pathlib import Path
+import pickle
 import sys
 
+for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(variable, '1')
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import cases  # noqa: E402
+import cv2  # noqa: E402
 import numpy as np  # noqa: E402
+from real_maps import RealMaps  # noqa: E402
 from scipy.optimize import minimize  # noqa: E402
 from somfusion_ros.config import FusionConfig  # noqa: E402
 from somfusion_ros.fusion import verdict as verdicts  # noqa: E402
-from somfusion_ros.fusion.alignment import Clock, search, verify  # noqa: E402
+from somfusion_ros.fusion.alignment import Clock, FEWEST, search, verify  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.geometry import apply, Array, inverse, wrap  # noqa: E402
-from somfusion_ros.grid import Grid  # noqa: E402
-import worlds  # noqa: E402
+from somfusion_ros.geometry import Array, inverse  # noqa: E402
 
 TESTS = (verdicts.AGREEMENT, verdicts.DISTINCTION, verdicts.PLACES)
 NAMES = [name for test in TESTS for name in test]
-
-
-@dataclass
-class Case:
-    """Two maps; the truth (3,) or None, the spot (2,) where it counts, tolerances [m, rad]."""
-
-    kind: str
-    places: set[str]
-    target: Grid
-    source: Grid
-    truth: Array | None = None
-    spot: Array | None = None
-    tolerance: tuple[float, float] = (0.5, np.radians(5.0))
+THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+SEVERE = 4.0     # a false accept counts as so many refusals, and so does a team of real robots
 
 
 @dataclass
@@ -53,135 +48,120 @@ class Sample:
     """What the verdict saw of a case, whether its best pose was right, its probability."""
 
     kind: str
+    number: int
     places: set[str]
+    true: bool
     measures: Array
     right: bool
     probability: float
+    reason: str
 
 
-def load(folder: Path, row: dict[str, str]) -> tuple[Grid, Grid]:
-    """Read one pair."""
-    pair = np.load(folder / f'{row["name"]}.npz')
-    return tuple(Grid.from_occupancy(pair[side], float(pair['resolution']),
-                                     (*pair[f'{side}_origin'], 0.0))
-                 for side in ('target', 'source'))
-
-
-def real(folder: Path, rows: list[dict[str, str]], rng: worlds.Random) -> Iterator[Case]:
-    """Make cases of every pair; a different place is as good as its mirror image."""
-    for row in rows:
-        target, source = load(folder, row)
-        places = {row['place_target'], row['place_source']}
-        other = rows[rng.integers(len(rows))]
-        if not places & {other['place_target'], other['place_source']}:
-            parts = worlds.halves(load(folder, other)[rng.integers(2)], rng.uniform(-5, 5), rng)
-            yield Case('crossed', places | {other['place_target']}, target,
-                       parts[rng.integers(2)])
-        yield Case('gap', {row['place_target']}, *worlds.halves(target, -1.0, rng))
-        if row['kind'] != 'pos':
-            yield Case('different', places, target, source)
-            continue
-        truth, spot = (np.array([float(row[name]) for name in names])
-                       for names in (('x', 'y', 'theta'), ('centre_x', 'centre_y')))
-        yield Case('true', places, target, source, truth, spot)
-        yield Case('mirrored', places, target, worlds.mirrored(source))
-        degrees = rng.choice([2.0, 4.0, 6.0, 8.0])
-        bent, move = worlds.bend(source, degrees, rng)
-        ends = move(np.array([spot, spot + (0.5, 0.0)]))
-        turn = truth[2] - np.arctan2(*(ends[1] - ends[0])[::-1])
-        start = apply(truth, spot[None])[0] - apply((0, 0, turn), ends[:1])[0]
-        yield Case(f'bent {degrees:.0f}', places, target, worlds.worn(bent, rng, 1.0),
-                   np.array([*start, turn]), ends[0], (1.2, np.radians(degrees + 2.0)))
-
-
-def simulated(count: int, rng: worlds.Random) -> Iterator[Case]:
-    """Make corridors of equal width, offices of equal rooms: all different places."""
-    for k in range(count):
-        width = rng.uniform(1.5, 3.0)
-        pair = [worlds.corridor(rng, width, rng.uniform(10, 80), k % 3) for _ in range(2)]
-        yield Case('corridors', {f'corridor {k % 4}'}, *pair)
-    for k in range(count // 2):
-        pair = [worlds.office(rng, np.random.default_rng(k), int(rng.integers(4, 10)))
-                for _ in range(2)]
-        yield Case('offices', {f'office {k % 4}'}, *pair)
-
-
-def look(case: Case) -> Sample | None:
-    """Run the search and the verdict on a case."""
+def look(kind: str, number: int, case: cases.Case) -> Sample | None:
+    """Run the search and the verdict on a case; None where a map shows too little."""
     config = FusionConfig()
     maps = learn(case.target, config), learn(case.source, config)
-    if min(len(one.features) for one in maps) < 8:
+    if min(len(one.features) for one in maps) < FEWEST:
         return None
     swapped = len(maps[0].cells) < len(maps[1].cells)
     target, source = maps[::-1] if swapped else maps
-    poses, _ = search(target, source, config, Clock())
-    verdict, poses, evidence, _ = verify(poses, target, source, config)
+    verdict, poses, _, evidence, _ = verify(*search(target, source, config, Clock()), target,
+                                            source, config)
     pose = inverse(poses[verdict.best]) if swapped else poses[verdict.best]
-    right = False
-    if case.truth is not None:
-        off = np.subtract(*(apply(T, case.spot[None])[0] for T in (pose, case.truth)))
-        right = (np.hypot(*off) < case.tolerance[0]
-                 and abs(wrap(pose[2] - case.truth[2])) < case.tolerance[1])
     found = verdicts.measures(evidence, verdict.margins)
-    return Sample(case.kind, case.places, np.array([found[name] for name in NAMES]), bool(right),
-                  verdict.probability)
+    return Sample(kind, number, case.places, case.truth is not None,
+                  np.array([found[name] for name in NAMES]), case.is_right(pose),
+                  verdict.probability, verdict.reason)
+
+
+def collect(maps: RealMaps, share: float, kinds: list[str] | None) -> list[Sample]:
+    """Judge a share of the cases of every kind, or of some."""
+    samples = []
+    for kind, (_, count) in cases.KINDS.items():
+        if kinds and kind not in kinds:
+            continue
+        wanted = np.linspace(0, count - 1, max(1, round(count * share)), dtype=int)
+        for number in np.unique(wanted):
+            case = cases.make(kind, maps, int(number))
+            sample = look(kind, int(number), case) if case else None
+            if sample:
+                samples.append(sample)
+        print(f'{kind}: {len(samples)} cases so far', file=sys.stderr, flush=True)
+    return samples
 
 
 def log_odds(weights: Array, x: Array) -> Array:
     """Soft minimum of the tests, (N,), for measures (N, M)."""
     ends = np.cumsum([0] + [len(test) for test in TESTS])
-    tests = [(x[:, a:b] * weights[a:b]).sum(1) for a, b in zip(ends, ends[1:], strict=False)]
+    tests = [x[:, a:b] @ weights[a:b] for a, b in pairwise(ends)]
     return -np.logaddexp.reduce(np.negative(tests))
 
 
-def fit(samples: list[Sample], starts: int = 4) -> Array:
-    """Weights (M,) of largest likelihood; only constants may be negative; false counts twice."""
-    x = np.array([sample.measures for sample in samples])
-    y = np.array([sample.right for sample in samples])
+def fit(samples: list[Sample], starts: int = 3) -> Array:
+    """Weights (M,) of largest likelihood; only constants may be negative."""
+    x, y = np.array([s.measures for s in samples]), np.array([s.right for s in samples])
+    care = np.where(~y | np.array([s.kind.startswith('team') for s in samples]), SEVERE, 1.0)
     constant = np.array([name == 'constant' for name in NAMES])
+    ends = np.cumsum([0] + [len(test) for test in TESTS])
 
-    def loss(weights: Array) -> float:
-        z = log_odds(weights, x)
-        return float((np.where(y, 1.0, 2.0) * np.logaddexp(0.0, np.where(y, -z, z))).sum()
-                     + 0.03 * (weights[~constant] ** 2).sum())
+    def loss(weights: Array) -> tuple[float, Array]:
+        tests = np.array([x[:, a:b] @ weights[a:b] for a, b in pairwise(ends)])
+        z = -np.logaddexp.reduce(-tests)
+        slope = care * (1.0 / (1.0 + np.exp(-np.clip(z, -30.0, 30.0))) - y) * np.exp(z - tests)
+        gradient = np.concatenate([part @ x[:, a:b] for part, (a, b) in zip(
+            slope, pairwise(ends), strict=True)])
+        small = 0.03 * np.where(constant, 0.0, weights)
+        return (float((care * np.logaddexp(0.0, np.where(y, -z, z))).sum() + small @ weights),
+                gradient + 2.0 * small)
     rng, bounds = np.random.default_rng(0), [(None if c else 0.0, None) for c in constant]
     found = [minimize(loss, np.where(constant, rng.uniform(-3, 3, len(NAMES)),
-                                     rng.uniform(0.3, 3, len(NAMES))), bounds=bounds,
-                      method='L-BFGS-B', options={'maxiter': 2000, 'maxfun': 10 ** 6})
-             for _ in range(starts)]
+                                     rng.uniform(0.3, 3, len(NAMES))), jac=True, bounds=bounds,
+                      method='L-BFGS-B', options={'maxiter': 2000}) for _ in range(starts)]
     return min(found, key=lambda result: result.fun).x
 
 
 def left_out(samples: list[Sample]) -> Array:
     """Probabilities (N,) of each sample by weights learned without its places."""
-    chance = np.full(len(samples), np.nan)
+    chance = np.zeros(len(samples))
     for place in sorted(set.union(*(sample.places for sample in samples))):
-        held = [place in sample.places for sample in samples]
+        held = np.array([place in sample.places for sample in samples])
         weights = fit([s for s, out in zip(samples, held, strict=True) if not out], 2)
-        x = np.array([s.measures for s, out in zip(samples, held, strict=True) if out])
-        chance[held] = 1.0 / (1.0 + np.exp(-log_odds(weights, x)))
+        z = log_odds(weights, np.array([s.measures for s in samples])[held])
+        chance[held] = np.maximum(chance[held], 1.0 / (1.0 + np.exp(-z)))
     return chance
 
 
 def table(samples: list[Sample], chance: Array) -> None:
-    """Print accepted cases by kind, and the reliability of the probability."""
+    """Print accepted cases by kind, the curve over thresholds, and the reliability."""
     kinds = defaultdict(list)
     for sample, p in zip(samples, chance, strict=True):
-        kinds[sample.kind, sample.right].append(p)
+        kinds[not sample.true, sample.kind].append((p, sample.right))
     enough = FusionConfig().estimation_confidence
-    print('kind          best pose  cases  accepted  highest p')
-    for (kind, right), values in sorted(kinds.items()):
-        print(f'{kind:13} {"right" if right else "wrong":9} {len(values):6d} '
-              f'{np.mean(np.array(values) >= enough):9.3f} {max(values):10.3f}')
-    y, error = np.array([sample.right for sample in samples]), 0.0
+    print(f'{"kind":16} cases  best pose right  accepted right  accepted wrong  highest wrong p')
+    for (_, kind), values in sorted(kinds.items()):
+        p, right = np.array([v[0] for v in values]), np.array([v[1] for v in values])
+        print(f'{kind:16} {len(p):5d} {right.mean():16.3f} {(right & (p >= enough)).mean():15.3f} '
+              f'{(~right & (p >= enough)).sum():15d} {max(p[~right], default=0.0):16.3f}')
+    y, true = np.array([s.right for s in samples]), np.array([s.true for s in samples])
+    print('threshold                 ' + ''.join(f'{t:8.2f}' for t in THRESHOLDS))
+    for name, mask, of in (('true pairs, right', true & y, true), ('true pairs, wrong', true & ~y,
+                           true), ('different places', ~true, ~true)):
+        print(f'{name:18} {of.sum():6d} ' + ''.join(
+            f'{(chance[mask] >= t).sum():8d}' for t in THRESHOLDS))
+    reliability(chance, y)
+
+
+def reliability(chance: Array, right: Array) -> None:
+    """Print how often a probability is right."""
     print('probability   cases  mean p   right')
+    error = 0.0
     for low in np.arange(0.0, 1.0, 0.1):
         inside = (chance >= low) & (chance < low + 0.1 if low < 0.85 else chance <= 1.0)
         if inside.any():
-            gap = chance[inside].mean() - y[inside].mean()
+            gap = chance[inside].mean() - right[inside].mean()
             error += inside.mean() * abs(gap)
             print(f'{low:.1f} - {low + 0.1:.1f} {inside.sum():9d} {chance[inside].mean():7.2f} '
-                  f'{y[inside].mean():7.2f}')
+                  f'{right[inside].mean():7.2f}')
     print(f'expected calibration error {error:.3f}\n')
 
 
@@ -190,17 +170,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('pairs', type=Path)
-    parser.add_argument('--scale', type=float, default=1.0, help='share of the cases')
-    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--replays', type=Path, nargs='*', default=[],
+                        help='folders that somfusion replay wrote')
+    parser.add_argument('--share', type=float, default=1.0, help='share of the cases')
+    parser.add_argument('--kinds', nargs='*', help='only these')
+    parser.add_argument('--keep', type=Path, help='file to keep the samples in, or to take them')
     parser.add_argument('--fit', action='store_true')
     args = parser.parse_args()
-    rng = np.random.default_rng(args.seed)
-    with open(args.pairs / 'manifest.csv', encoding='utf-8') as file:
-        rows = list(csv.DictReader(file))
-    rows = rows[::max(1, round(1.0 / args.scale))]
-    cases = chain(real(args.pairs, rows, rng), simulated(round(150 * args.scale), rng))
-    samples = [sample for case in cases if (sample := look(case)) is not None]
+    cv2.setNumThreads(1)
+    if args.keep and args.keep.exists():
+        samples = pickle.loads(args.keep.read_bytes())
+    else:
+        samples = collect(RealMaps(args.pairs, args.replays), args.share, args.kinds)
+        if args.keep:
+            args.keep.write_bytes(pickle.dumps(samples))
     table(samples, np.array([sample.probability for sample in samples]))
+    for sample in samples:
+        if sample.probability >= FusionConfig().estimation_confidence and not sample.right:
+            print(f'wrongly accepted: {sample.kind} {sample.number} at {sample.probability:.3f}, '
+                  f'{sample.reason}')
     if args.fit:
         print('learned anew, each place left out in turn:')
         table(samples, left_out(samples))

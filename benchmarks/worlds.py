@@ -1,12 +1,12 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps made from maps, and from nothing: bent, worn, cut, mirrored; corridors and offices."""
+"""Maps made from maps and from nothing: bent, worn, cut, mirrored; corridors and offices."""
 
 from collections.abc import Callable
 
 import cv2
 import numpy as np
-from somfusion_ros.geometry import apply, Array, inverse
+from somfusion_ros.geometry import apply, Array, compose, inverse, Pose
 from somfusion_ros.grid import Grid
 
 Random = np.random.Generator
@@ -39,17 +39,55 @@ def bend(grid: Grid, degrees: float, rng: Random) -> tuple[Grid, Warped]:
     return _resampled(grid, straighten), bent
 
 
-def worn(grid: Grid, rng: Random, shake: float = 0.5) -> Grid:
-    """Lose a tenth of the walls, add specks, and shake walls by up to a cell."""
-    evidence, chance = grid.evidence.copy(), rng.random(grid.shape)
-    evidence[grid.occupied & (chance < 0.1)] = 0.0
-    evidence[grid.free & (chance < 0.0005)] = -0.8
-    coarse = [rng.normal(0.0, shake * grid.resolution, [side // 40 + 2 for side in grid.shape])
-              for _ in range(2)]
-    shift = [cv2.resize(c, grid.shape[::-1], interpolation=cv2.INTER_CUBIC).ravel()
-             for c in coarse]
-    return _resampled(Grid(evidence, grid.resolution, grid.T_frame_grid),
-                      lambda points: points + np.column_stack(shift))
+def worn(grid: Grid, rng: Random, shake: float = 0.5, lost: float = 0.1,
+         specks: float = 0.0005) -> Grid:
+    """Lose a share of the walls, add specks, and shake walls by about `shake` cells."""
+    evidence, chance = grid.evidence.copy(), rng.random(grid.shape, dtype=np.float32)
+    evidence[grid.occupied & (chance < lost)] = 0.0
+    evidence[grid.free & (chance < specks)] = -0.8
+    row, column = np.indices(grid.shape, dtype=np.float32)
+    shift = [cv2.resize(rng.normal(0.0, shake, [side // 40 + 2 for side in grid.shape]
+                                   ).astype(np.float32), grid.shape[::-1],
+                        interpolation=cv2.INTER_CUBIC) for _ in range(2)]
+    evidence = cv2.remap(evidence, column + shift[0], row + shift[1], cv2.INTER_NEAREST)
+    return Grid(evidence, grid.resolution, grid.T_frame_grid)
+
+
+def furnished(grid: Grid, rng: Random, count: int) -> Grid:
+    """Put boxes of 0.2 to 0.8 m into free space, as furniture that was moved."""
+    evidence = grid.evidence.copy()
+    wide = np.flatnonzero(cv2.erode(grid.free.astype(np.uint8), np.ones((9, 9), np.uint8)))
+    for cell in rng.choice(wide, count if len(wide) else 0):
+        row, column = divmod(int(cell), grid.shape[1])
+        h, w = (rng.uniform(0.1, 0.4, 2) / grid.resolution).astype(int) + 1
+        box = evidence[max(0, row - h):row + h, max(0, column - w):column + w]
+        box[:] = 0.0
+        box[[0, -1]] = box[:, [0, -1]] = -1.0
+    return Grid(evidence, grid.resolution, grid.T_frame_grid)
+
+
+def redrawn(grid: Grid, resolution: float) -> Grid:
+    """Draw a map anew with larger cells; a cell with some wall is wall."""
+    share = grid.resolution / resolution
+    size = tuple(max(8, int(np.ceil(side * share))) for side in grid.shape[::-1])
+    walls, free = (cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+                   for mask in (grid.occupied, grid.free))
+    evidence = np.where(walls > 0.25 * share, -1.0, free > 0.4).astype(np.float32)
+    return Grid(evidence, grid.resolution * grid.shape[1] / size[0], grid.T_frame_grid)
+
+
+def turned(grid: Grid, rng: Random) -> Grid:
+    """Give a map another frame."""
+    T = rng.uniform(-9.0, 9.0), rng.uniform(-9.0, 9.0), rng.uniform(-3.1, 3.1)
+    return Grid(grid.evidence, grid.resolution, Pose.from_array(compose(T, grid.T_frame_grid)))
+
+
+def cut(grid: Grid, low: float, high: float) -> Grid:
+    """Keep what lies between two distances [m] from the left edge."""
+    evidence = grid.evidence.copy()
+    evidence[:, :max(0, int(low / grid.resolution))] = 0.0
+    evidence[:, max(0, int(high / grid.resolution)):] = 0.0
+    return Grid(evidence, grid.resolution, grid.T_frame_grid)
 
 
 def halves(grid: Grid, overlap: float, rng: Random) -> tuple[Grid, Grid]:
@@ -83,24 +121,54 @@ def corridor(rng: Random, width: float, length: float, crossings: int) -> Grid:
         at = rng.uniform(2.0, length - 4.0)
         low, high = ((middle, 9.9 + width), (0.1, middle), (0.1, 9.9 + width))[rng.integers(3)]
         drawing.free(at, at + rng.uniform(1.5, 2.5), low, high)
-    hidden = [0.5 if rng.random() < 0.5 else 0.0 for _ in range(2)]
-    return worn(drawing.grid(*hidden), rng)
+    return drawing.grid(*(0.5 if rng.random() < 0.5 else 0.0 for _ in range(2)))
 
 
-def office(rng: Random, layout: Random, rooms: int) -> Grid:
-    """Draw equal rooms along both sides of a corridor; only what stands in them differs."""
+def office(rng: Random, layout: Random, rooms: int, furniture: int = 3) -> tuple[Grid, float]:
+    """
+    Draw equal rooms along both sides of a corridor; doors that were open and furniture differ.
+
+    Returns the map and the width of a room [m].
+    """
     width, depth, aisle = layout.uniform(2.8, 4.5), layout.uniform(3, 5), layout.uniform(1.6, 2.6)
     door = layout.uniform(0.5, width - 1.5)
     drawing = Drawing(rooms * width, 2.0 * depth + aisle)
     drawing.free(0.0, rooms * width, depth, depth + aisle)
     for x in np.arange(rooms) * width:
         for low, gap in ((0.0, depth - 0.2), (depth + aisle + 0.12, depth + aisle - 0.05)):
+            if rng.random() > 0.85:
+                continue
             drawing.free(x + 0.06, x + width - 0.06, low, low + depth - 0.12)
             drawing.free(x + door, x + door + 0.9, gap, gap + 0.25)
-            for _ in range(rng.integers(0, 3)):
+            for _ in range(rng.integers(0, furniture + 1)):
                 spot = x + rng.uniform(0.3, width - 1.2), low + rng.uniform(0.4, depth - 1.2)
                 drawing.fill(spot[0], spot[0] + rng.uniform(0.3, 0.9), spot[1], spot[1] + 0.6)
-    return worn(drawing.grid(), rng)
+    return drawing.grid(), width
+
+
+def building(rng: Random, width: float, height: float) -> Grid:
+    """Draw rooms of all sizes, by cutting a rectangle again and again, each cut with a door."""
+    drawing, rooms, doors = Drawing(width, height), [(0.0, width, 0.0, height)], []
+    while rooms:
+        x0, x1, y0, y1 = rooms.pop()
+        share, w, h = rng.uniform(0.3, 0.7), x1 - x0, y1 - y0
+        if max(w, h) < rng.uniform(4.0, 9.0):
+            drawing.free(x0 + 0.08, x1 - 0.08, y0 + 0.08, y1 - 0.08)
+            for _ in range(rng.integers(0, 3)):
+                x, y = rng.uniform(x0 + 0.3, x1 - 0.6), rng.uniform(y0 + 0.3, y1 - 0.6)
+                drawing.fill(x, min(x + rng.uniform(0.3, 1.2), x1 - 0.2),
+                             y, min(y + rng.uniform(0.3, 0.8), y1 - 0.2))
+        elif w > h:
+            middle, at = x0 + share * w, rng.uniform(y0 + 0.3, y1 - 1.3)
+            rooms += [(x0, middle, y0, y1), (middle, x1, y0, y1)]
+            doors.append((middle - 0.2, middle + 0.2, at, at + 0.9))
+        else:
+            middle, at = y0 + share * h, rng.uniform(x0 + 0.3, x1 - 1.3)
+            rooms += [(x0, x1, y0, middle), (x0, x1, middle, y1)]
+            doors.append((at, at + 0.9, middle - 0.2, middle + 0.2))
+    for door in doors:
+        drawing.free(*door)
+    return drawing.grid()
 
 
 class Drawing:

@@ -18,8 +18,8 @@ from somfusion_ros.fusion.verification import Evidence, measure
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
 
-GOOD = Evidence(60.0, 0.97, 0.96, 0.6, 10.0, 0.92, 0.99, np.array([1.0, 0.0]))
-BAD = Evidence(20.0, 0.5, 0.4, 0.3, 1.0, 0.2, 0.95, np.array([1.0, 0.0]))
+GOOD = Evidence(60.0, 1.0, 50.0, 2.0, 0.6, 10.0, 0.5, 0.99, np.array([1.0, 0.0]))
+BAD = Evidence(20.0, 19.0, 10.0, 15.0, 0.3, 1.0, 4.0, 0.95, np.array([1.0, 0.0]))
 
 
 @cache
@@ -60,7 +60,7 @@ def test_measures_do_not_depend_on_the_direction() -> None:
     T = np.array([1.0, 2.0, 0.7]) + (0.1, -0.2, 0.02)
     forth, = measure(T[None], room(1.0, 2.0, 0.7), room())
     back, = measure(inverse(T)[None], room(), room(1.0, 2.0, 0.7))
-    for name in ('matched', 'ratio', 'overlap', 'V'):
+    for name in ('matched', 'ratio', 'fine', 'fine_ratio', 'overlap', 'V'):
         assert getattr(forth, name) == pytest.approx(getattr(back, name), rel=1e-3), name
     assert forth.weak == pytest.approx(back.weak, rel=0.1)
 
@@ -70,6 +70,23 @@ def test_a_corridor_gives_no_evidence_along_itself() -> None:
     found, slid = measure(np.array([[0.0, 0, 0], [2.0, 0, 0]]), corridor(), corridor())
     assert found.ratio > 0.95 and slid.ratio > 0.9
     assert found.weak < 1.0 and abs(found.axis[0]) > 0.99
+
+
+def test_cells_see_what_clusters_forgive() -> None:
+    """Three cells beside the truth the clusters still agree, the cells do not."""
+    good, near = measure(np.array([[0.0, 0.0, 0.0], [0.15, 0.15, 0.0]]), room(), room())
+    assert near.matched > 0.8 * good.matched and near.fine < 0.4 * good.fine
+    assert near.score < 0.3 * good.score < good.score
+
+
+def test_likelihood_is_high_on_walls_and_low_on_specks() -> None:
+    """A straight wall of one cell is bright, a single cell is not, two cells away it is dark."""
+    wall = np.column_stack([np.arange(0.0, 3.0, 0.05) + 0.025, np.full(60, 1.025)])
+    raster = field.likelihood(np.vstack([wall, [[1.525, 3.025]]]), 0.05)
+    spots = np.array([[1.525, 1.025], [1.525, 1.075], [1.525, 1.225], [1.525, 3.025], [9.0, 9.0]])
+    on, beside, off, speck, outside = raster.at(spots.T.astype(np.float32)) / 255.0
+    assert on > 0.95 and 0.4 < beside < 0.8 and off < 0.05 and 0.2 < speck < 0.6
+    assert outside == 0.0
 
 
 def test_overlap_is_the_share_of_the_smaller_map() -> None:
@@ -84,9 +101,9 @@ def test_overlap_is_the_share_of_the_smaller_map() -> None:
 
 
 def test_scores_rank_like_the_evidence() -> None:
-    """The cheap score of many hypotheses is the evidence's score, up to its thinning."""
+    """The cheap score of many hypotheses is that of the clusters' evidence, up to its thinning."""
     poses = np.array([[0, 0, 0], [0.3, 0, 0], [1.0, 0.5, 0.1], [3, 3, 3]], dtype=float)
-    exact = [item.score for item in measure(poses, room(), room())]
+    exact = [item.ratio * np.sqrt(item.matched) for item in measure(poses, room(), room())]
     assert verification.scores(poses, room(), room()) == pytest.approx(exact, rel=1e-3)
     quick = verification.scores(poses, room(), room(), every=2)
     assert np.argsort(quick).tolist() == np.argsort(exact).tolist()
@@ -99,20 +116,23 @@ def test_distinct_keeps_the_best_of_each_place() -> None:
     assert kept.tolist() == [[0.1, 0, 0], [5, 0, 1.0], [5, 0, 0]]
 
 
+FOR = ('matched', 'fine', 'weak')
+AGAINST = ('against', 'fine_against', 'weak_against')
+
+
 @settings(max_examples=80, deadline=None)
-@given(st.builds(Margins, *[st.floats(0.3, 5.0)] * 3), st.floats(0.3, 0.99), st.floats(0.1, 0.99),
-       st.floats(0.0, 60.0), st.sampled_from(['margin', 'weak_margin', 'bent_margin', 'ratio',
-                                              'fine_ratio', 'weak_ratio', 'weak']))
+@given(st.builds(Margins, *[st.floats(0.3, 5.0)] * 3), st.floats(0.0, 30.0), st.floats(0.0, 60.0),
+       st.sampled_from(['margin', 'odds', 'weak_margin', *FOR, *AGAINST]))
 def test_more_evidence_never_lowers_the_probability(
-        margins: Margins, ratio: float, weak_ratio: float, weak: float, grown: str) -> None:
-    """The probability rises, or stays, with every measure."""
-    item = replace(GOOD, ratio=ratio, weak_ratio=weak_ratio, weak=weak)
+        margins: Margins, against: float, weak: float, changed: str) -> None:
+    """The probability rises, or stays, with what speaks for a hypothesis, and falls with doubt."""
+    item = replace(GOOD, against=against, fine_against=against, weak=weak)
     before = probability(item, margins)
-    if hasattr(margins, grown):
-        margins = replace(margins, **{grown: 1.2 * getattr(margins, grown)})
+    if hasattr(margins, changed):
+        margins = replace(margins, **{changed: 1.2 * getattr(margins, changed)})
     else:
-        value = getattr(item, grown)
-        item = replace(item, **{grown: value * 1.2 if grown == 'weak' else value + 0.01})
+        factor = 1.2 if changed in FOR else 0.8
+        item = replace(item, **{changed: factor * getattr(item, changed)})
     assert 0.0 <= before <= probability(item, margins) <= 1.0
 
 
@@ -121,7 +141,7 @@ def test_more_evidence_never_lowers_the_probability(
 def test_verdicts_and_their_reasons(mine: Evidence, theirs: Evidence, word: str) -> None:
     """Good without a rival is accepted, with an equal rival ambiguous, bad is refused."""
     poses = np.array([[0, 0, 0], [3.0, 4.0, 0]], dtype=float)
-    found = judge(poses, [mine, theirs], 0, mine, np.array([1]), 0.95)
+    found = judge(poses, [mine, theirs], 0, {0: mine}, np.array([1]), 0.95)
     assert found.reason.startswith(f'{word}: ') and found.accepted == (word == 'accepted')
     assert f'{100 * mine.ratio:.0f} %' in found.reason and '5.0 m' in found.reason
     assert found.probability + found.rival_probability <= 1.0 + 1e-9
@@ -130,10 +150,10 @@ def test_verdicts_and_their_reasons(mine: Evidence, theirs: Evidence, word: str)
 def test_what_lies_beside_the_best_is_no_rival() -> None:
     """A duplicate within half a metre does not make the best ambiguous; the rest is ranked."""
     poses = np.array([[0, 0, 0], [0.3, 0.1, 0.01], [0, 0, 1.0], [5, 0, 0]])
-    evidence = [GOOD, GOOD, BAD, replace(BAD, matched=40.0)]
+    evidence = [GOOD, GOOD, BAD, replace(BAD, fine=40.0)]
     assert rivals(poses, evidence, 0, np.zeros(2)).tolist() == [3, 2]
     others = rivals(poses[:2], evidence[:2], 0, np.zeros(2))
-    found = judge(poses, evidence, 0, GOOD, others, 0.95)
+    found = judge(poses, evidence, 0, {0: GOOD}, others, 0.95)
     assert found.accepted and found.rival is None and found.reason.endswith('no rival')
 
 

@@ -5,6 +5,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from time import perf_counter
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,10 +19,16 @@ from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
 
 FEWEST = 8          # features below which a map cannot be matched
+CANDIDATES = 40     # distinct poses of which the cells choose the finalists
 PEAKS = 4           # peaks of the histograms' correlation that are followed
+BENT_RIVALS = 1     # rivals that may bend too
 VOTE_CELLS = 512    # most cells along an edge of the voting grid
 FINAL = (np.radians([9.0, 6.0, 5.0, 4.0]), (0.4, 0.3, 0.2, 0.15))   # last steps of Algorithm 2
 PUBLISHED_V = 0.9   # V from which the published method trusts its only hypothesis
+
+
+_answers: WeakKeyDictionary[Grid, WeakKeyDictionary[Grid, dict[FusionConfig, 'Alignment']]] = (
+    WeakKeyDictionary())
 
 
 @dataclass(frozen=True)
@@ -72,9 +79,19 @@ def align(target: Grid, source: Grid, config: FusionConfig | None = None,
 
     Never raises on maps that cannot be matched: "no match" is an Alignment with a reason. No
     random number is drawn; `rng` is there for methods that need one. Both directions give the
-    same answer: inside, the map with more wall is always the target.
+    same answer: inside, the map with more wall is always the target. The answer is kept with the
+    two Grid objects: asking again costs nothing.
     """
-    config, clock = config or FusionConfig(), Clock()
+    config = config or FusionConfig()
+    known = _answers.setdefault(target, WeakKeyDictionary()).setdefault(source, {})
+    if config not in known:
+        known[config] = _align_learned(target, source, config)
+    return known[config]
+
+
+def _align_learned(target: Grid, source: Grid, config: FusionConfig) -> Alignment:
+    """Learn both maps, and match them in the order that does not depend on their roles."""
+    clock = Clock()
     maps = learn(target, config), learn(source, config)
     clock.lap('learning')
     for name, one in zip(('target', 'source'), maps):
@@ -91,7 +108,7 @@ def align(target: Grid, source: Grid, config: FusionConfig | None = None,
 def _align(target: Map, source: Map, config: FusionConfig, clock: 'Clock') -> Alignment:
     """Every stage in order, with many hypotheses at once."""
     poses, J = search(target, source, config, clock)
-    verdict, poses, evidence, warp = verify(poses, target, source, config)
+    verdict, poses, J, evidence, warp = verify(poses, J, target, source, config)
     clock.lap('verification')
     pose, covariance = refinement.refine(poses[verdict.best], target, source)
     covariance = refinement.widen(covariance, pose, source, warp)
@@ -112,26 +129,41 @@ def search(target: Map, source: Map, config: FusionConfig,
     clock.lap('seeds')
     poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
     score = verification.scores(poses, target, source, every=2)
-    poses = verification.distinct(poses, score, source.pivot, config.finalists)
+    poses = verification.distinct(poses, score, source.pivot, CANDIDATES)
+    matched, against = verification.fine(poses, target, source)
+    rank = np.argsort(-matched ** 1.5 / (matched + against + 1.0), kind='stable')
+    poses = poses[rank[:config.finalists]]
     poses, J = translation.settle(poses, source.features, target.features, target.nearest, *FINAL)
     clock.lap('translation')
     return poses, J
 
 
-def verify(poses: Array, target: Map, source: Map, config: FusionConfig
-           ) -> tuple[verdicts.Verdict, Array, verification.Evidence, Warp]:
-    """Judge the best of hypotheses (B, 3); return all looked at, its evidence and its warp."""
+def verify(poses: Array, J: Array, target: Map, source: Map, config: FusionConfig
+           ) -> tuple[verdicts.Verdict, Array, Array, verification.Evidence, Warp]:
+    """Judge the best of hypotheses (B, 3); return all with their J, its evidence and its warp."""
     evidence = verification.measure(poses, target, source)
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
     beside = verdicts.slides(poses[best], evidence[best].axis)
-    beside, _ = translation.settle(beside, source.sketch, target.features, target.nearest, *FINAL)
-    poses = np.concatenate([poses, beside])
+    beside, more = translation.settle(beside, source.sketch, target.features, target.nearest,
+                                      *FINAL)
+    poses, J = np.concatenate([poses, beside]), np.hstack([J, more])
     evidence += verification.measure(beside, target, source)
+    # Bending may turn the order round: the best two places are judged bent.
+    best = max(range(len(poses)), key=lambda k: evidence[k].score)
     others = verdicts.rivals(poses, evidence, best, source.pivot)
-    warp = bending.bend(poses[best], target, source)
-    bent, = verification.measure(poses[best:best + 1], target, source, warp)
-    verdict = verdicts.judge(poses, evidence, best, bent, others, config.estimation_confidence)
-    return verdict, poses, bent, warp
+    bent = {k: _bent(poses[k], target, source) for k in (best, *others[:BENT_RIVALS])}
+    best = max(bent, key=lambda k: bent[k][0].score)
+    others = verdicts.rivals(poses, evidence, best, source.pivot)
+    verdict = verdicts.judge(poses, evidence, best, {k: item for k, (item, _) in bent.items()},
+                             others, config.estimation_confidence)
+    return verdict, poses, J, *bent[best]
+
+
+def _bent(pose: Array, target: Map, source: Map) -> tuple[verification.Evidence, Warp]:
+    """Evidence of a hypothesis (3,) when the maps may bend, and how they bend."""
+    warp = bending.bend(pose, target, source)
+    evidence, = verification.measure(pose[None], target, source, warp)
+    return evidence, warp
 
 
 def _align_as_published(target: Map, source: Map, config: FusionConfig,

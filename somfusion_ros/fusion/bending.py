@@ -10,6 +10,8 @@ It is a lattice of displacements: turning is free, bending is cheap, stretching 
 error of a robot's own map is.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,9 @@ def bend(pose: Array, target: Map, source: Map) -> Warp:
     low, high = start.min(1) - 0.1, start.max(1) + 0.1
     spacing = max(SPACING, float(np.sqrt(np.prod(high - low) / MOST)))
     columns, rows = np.ceil((high - low) / spacing).astype(int) + 1
-    stiffness = _stiffness(rows, columns, spacing) * len(clusters) / len(source.features)
+    stiffness = _stiffness(int(rows), int(columns)) / spacing ** 2
+    stiffness = stiffness + SHIFT * np.eye(len(stiffness))
+    stiffness *= len(clusters) / len(source.features)
     basis = np.zeros((len(clusters), rows * columns), np.float32)
     for node, part in zip(*lattice_shares(start, low, spacing, (rows, columns)), strict=True):
         basis[np.arange(len(clusters)), node] += part
@@ -64,22 +68,25 @@ def _solve(basis: NDArray[np.float32], norm: Array, pull: Array, wanted: Array,
     return np.linalg.solve(H, g).reshape(2, n).astype(np.float32)
 
 
-def _stiffness(rows: int, columns: int, spacing: float) -> Array:
-    """Quadratic form (2 n, 2 n) of a warp's stretch, shear and bending, x before y."""
+@lru_cache(maxsize=256)
+def _stiffness(rows: int, columns: int) -> Array:
+    """
+    Quadratic form (2 n, 2 n) of a warp's stretch, shear and bending, x before y.
+
+    For a lattice of unit spacing: it falls with the square of the spacing.
+    """
     def steps(count: int, order: int) -> Array:
-        return np.diff(np.eye(count), n=order, axis=0) / spacing ** order
-    along_x, along_y = np.kron(np.eye(rows), steps(columns, 1)), np.kron(steps(rows, 1),
-                                                                         np.eye(columns))
+        return np.diff(np.eye(count), n=order, axis=0)
+    along_x = np.kron(np.eye(rows), steps(columns, 1))
+    along_y = np.kron(steps(rows, 1), np.eye(columns))
     none_x, none_y = np.zeros_like(along_x), np.zeros_like(along_y)
-    mid = 0.5 * np.abs(steps(rows, 1) * spacing), 0.5 * np.abs(steps(columns, 1) * spacing)
-    across = (np.kron(mid[0], steps(columns, 1)), np.kron(steps(rows, 1), mid[1]))
+    mid = 0.5 * np.abs(steps(rows, 1)), 0.5 * np.abs(steps(columns, 1))
+    across = np.kron(mid[0], steps(columns, 1)), np.kron(steps(rows, 1), mid[1])
     forms = [(STRETCH, np.hstack([along_x, none_x])), (STRETCH, np.hstack([none_y, along_y])),
              (SHEAR, np.hstack([across[1], across[0]]))]
     for curve in (np.kron(np.eye(rows), steps(columns, 2)), np.kron(steps(rows, 2),
                                                                     np.eye(columns))):
         if len(curve):
             still = np.zeros_like(curve)
-            forms += [(BEND * spacing ** 2, np.hstack([curve, still])),
-                      (BEND * spacing ** 2, np.hstack([still, curve]))]
-    return SHIFT * np.eye(2 * rows * columns) + sum(
-        weight * form.T @ form for weight, form in forms)
+            forms += [(BEND, np.hstack([curve, still])), (BEND, np.hstack([still, curve]))]
+    return sum(weight * form.T @ form for weight, form in forms)

@@ -130,7 +130,9 @@ class Map:
     surfaces: norms (E, 2) of the clusters' edges with length (E,) [m] and sidedness (E,);
     features: the clusters that have a norm; sketch: the few hundred best of them; clearance:
     distance to the next wall [m], negative where a cell is not known to be free; nearest: index
-    of the nearest feature; free (F, 2): an even sample of free places [m]; histogram (360,) of
+    of the nearest feature; likelihood: field of the walls, 0..255; probes (P, 2): an even sample
+    of the wall cells [m], each for `probe_length` of wall [m]; free (F, 2): an even sample of
+    free places [m]; histogram (360,) of
     norms; spectrum: Radon sharpness of half a turn; resolution of the grid [m].
     """
 
@@ -143,6 +145,9 @@ class Map:
     sketch: Clusters
     clearance: Raster
     nearest: Raster
+    likelihood: Raster
+    probes: Array
+    probe_length: float
     free: Array
     histogram: Array
     spectrum: Array

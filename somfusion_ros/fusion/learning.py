@@ -9,6 +9,7 @@ import numpy as np
 from somfusion_ros.config import FusionConfig
 from somfusion_ros.fusion import field, norms, orientation, segmentation, som
 from somfusion_ros.fusion.features import Clusters, Index, Map, Raster
+from somfusion_ros.fusion.memory import SegmentMemory
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 
@@ -17,7 +18,10 @@ NORMED = 0.3         # agreement of the surfaces around a cluster from which it 
 SKETCH = 160         # features that stand for a map where every hypothesis is looked at
 RADON = 300          # features that the Radon image is made of
 CELL = 0.1           # edge of the clearance raster's cells [m]
+FINE = 0.05          # edge of the likelihood field's cells, more where the grid's are larger [m]
+PROBES = 1000        # wall cells that stand for all
 FREE = 2000          # free places that stand for all free cells
+_memory = SegmentMemory()
 _learned: WeakKeyDictionary[Grid, dict[FusionConfig, Map]] = WeakKeyDictionary()
 
 
@@ -41,7 +45,8 @@ def _learn(grid: Grid, config: FusionConfig) -> Map:
         return _empty(grid)
     points = grid.cell_to_point(cells)
     times = som.presentations(grid.evidence[cells[:, 0], cells[:, 1]], config.presentation_step)
-    centres, of, edges, winner = som.train(points, times, segments, config.cluster_spacing)
+    centres, of, edges, winner = _memory.train(points, times, segments,
+                                               config.cluster_spacing)
     surfaces, point, straight, sided = _norms(grid, centres, edges)
     share = np.bincount(winner, minlength=len(centres)) * grid.resolution / config.cluster_spacing
     clusters = Clusters(centres, np.minimum(share, 1.0) * config.cluster_spacing, of, edges,
@@ -54,10 +59,12 @@ def _learn(grid: Grid, config: FusionConfig) -> Map:
     walls = features.take(order[:RADON])
     clearance = field.clearance(grid, points, CELL)
     image = orientation.radon(walls.centres, walls.weights, orientation.directions(), CELL)
+    every = -(-len(points) // PROBES)
     return Map(points, segments, winner, clusters, surfaces, features, sketch, clearance,
                field.nearest(features.centres, 2.0 * CELL, 1.0),
-               field.free_places(clearance, FREE), orientation.histogram(*surfaces),
-               orientation.spectrum(image), grid.resolution)
+               field.likelihood(points, max(grid.resolution, FINE)), points[::every],
+               every * grid.resolution, field.free_places(clearance, FREE),
+               orientation.histogram(*surfaces), orientation.spectrum(image), grid.resolution)
 
 
 def _segments(grid: Grid, config: FusionConfig) -> tuple[Index, Index]:
@@ -87,5 +94,6 @@ def _empty(grid: Grid, points: Array | None = None, segments: Index | None = Non
     raster = Raster(np.full((1, 1), -99.0, np.float32), 1.0, Pose(), -99.0)
     return Map(none if points is None else points, index if segments is None else segments,
                index if winner is None else winner, clusters or nothing, (none, number, number),
-               nothing, nothing, raster, raster, none, np.zeros(orientation.BINS),
-               np.zeros(len(orientation.directions())), grid.resolution)
+               nothing, nothing, raster, raster, raster, none, 0.0, none,
+               np.zeros(orientation.BINS), np.zeros(len(orientation.directions())),
+               grid.resolution)

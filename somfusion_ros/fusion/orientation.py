@@ -76,11 +76,12 @@ def radon(points: Array, weights: Array, directions: Array, cell: float) -> Arra
     axes = np.column_stack([np.cos(directions), np.sin(directions)])
     place = (axes @ centred.T + reach) / cell
     low = place.astype(np.intp)
-    part = place - low
-    row = np.arange(len(directions))[:, None] * size
+    part = weights * (place - low)
+    low += np.arange(len(directions))[:, None] * size
     total = len(directions) * size
-    image = np.bincount((row + low).ravel(), (weights * (1.0 - part)).ravel(), total + 1)
-    image += np.bincount((row + low + 1).ravel(), (weights * part).ravel(), total + 1)
+    flat = low.ravel()
+    image = np.bincount(flat, (weights - part).ravel(), total + 1)
+    image[1:] += np.bincount(flat, part.ravel(), total + 1)[:-1]
     return image[:total].reshape(len(directions), size)
 
 

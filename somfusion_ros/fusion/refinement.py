@@ -13,8 +13,8 @@ import numpy as np
 from somfusion_ros.fusion.features import Map, match, place, Warp
 from somfusion_ros.geometry import apply, Array, inverse
 
-REACHES = (0.4, 0.3, 0.2, 0.15, 0.15)     # furthest match in each step [m]
-ROUGH = 3         # first steps, for which a map's sketch is enough
+REACHES = (0.3, 0.2, 0.15, 0.15)     # furthest match in each step [m]
+ROUGH = 2         # first steps, for which a map's sketch is enough
 ANGLE = np.radians(15.0)
 SCALE = 0.05      # distance at which a match has lost half of its pull [m]
 SHARED = 4.0      # neighbouring clusters err alike: this many count as one measurement

@@ -74,7 +74,8 @@ def _map_of(clusters: Clusters, resolution: float) -> Map:
     surfaces = features.norms, features.weights, features.sided
     image = orientation.radon(walls.centres, walls.weights, orientation.directions(), CELL)
     unknown = Raster(np.full((3, 3), -99.0, np.float32), 1.0, Pose(), -99.0)
+    dark = Raster(np.zeros((3, 3), np.uint8), 1.0, Pose(), 0)
     return Map(clusters.centres, clusters.segments, np.arange(len(clusters)), clusters, surfaces,
-               features, sketch, unknown, field.nearest(features.centres, 2.0 * CELL, 1.0),
-               np.empty((0, 2)), orientation.histogram(*surfaces), orientation.spectrum(image),
-               resolution)
+               features, sketch, unknown, field.nearest(features.centres, 2.0 * CELL, 1.0), dark,
+               np.empty((0, 2)), 0.0, np.empty((0, 2)),
+               orientation.histogram(*surfaces), orientation.spectrum(image), resolution)

@@ -69,7 +69,11 @@ class VoteGrid:
         """Highest local maxima (count, 2) as signed shifts (x, y) [bins]."""
         votes = votes.astype(np.float32)
         peak = np.flatnonzero(votes >= cv2.dilate(votes, np.ones((3, 3), np.uint8)))
-        best = np.resize(peak[np.argsort(-votes.ravel()[peak], kind='stable')[:count]], count)
+        height = votes.ravel()[peak]
+        if len(peak) > count:
+            strong = height >= np.partition(height, -count)[-count]
+            peak, height = peak[strong], height[strong]
+        best = np.resize(peak[np.argsort(-height, kind='stable')], count)
         shift = np.column_stack(np.divmod(best, self.size)[::-1])
         return np.where(shift > self.size // 2, shift - self.size, shift)
 

@@ -4,13 +4,15 @@
 The verdict: a calibrated probability, accepted, refused or ambiguous, and a reason in words.
 
 A hypothesis must pass three tests, and is as probable as its worst one lets it be: the walls that
-should coincide do, once the maps may bend; it is better than every rival, in all and along the
-direction with the least evidence; and enough distinct places fix it along that direction, which
-two parallel walls do not. Each test is linear in measures that can only speak for a hypothesis
-when they grow. The weights were learned from true and false hypotheses of real, cut, bent and
-mirrored maps, simulated corridors and offices (benchmarks/calibration.py).
+should coincide do, once the maps may bend; it is better than every rival, in all, in how little
+wall speaks against it, and along the direction with the least evidence; and enough distinct
+places fix it along that direction, which two parallel walls do not. Each test is linear in
+measures that can only speak for a hypothesis when they grow. The weights were learned from true
+and false hypotheses of real, cut, bent, worn and mirrored maps, drawn corridors, offices and
+buildings (benchmarks/calibration.py).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,21 +23,22 @@ from somfusion_ros.geometry import Array, wrap
 
 SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]
 APART = (0.7, np.radians(8.0))     # a rival lies further than this from the best [m, rad]
-AGREEMENT = {'ratio': 1.01, 'fine_ratio': 3.83, 'little_against': 6.69, 'constant': 18.63}
-DISTINCTION = {'margin': 9.48, 'weak_margin': 3.67, 'bent_margin': 1.0, 'constant': -2.37}
-PLACES = {'weak': 4.42, 'weak_ratio': 4.66, 'constant': -9.89}
+COMPARABLE = 0.4   # a rival that matches less of the best's wall tells nothing of its conflicts
+AGREEMENT = {'ratio': 1.98, 'fine_ratio': 1.80, 'little_against': 9.15, 'constant': 36.23}
+DISTINCTION = {'margin': 1.39, 'odds': 6.00, 'weak_margin': 3.96, 'constant': -5.72}
+PLACES = {'weak': 2.06, 'weak_ratio': 6.40, 'constant': -5.12}
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How many times better than the best rival: in all, in the weakest direction, once bent."""
+    """How many times better than the best rival: by score, wall against, weakest direction."""
 
     margin: float
+    odds: float
     weak_margin: float
-    bent_margin: float
 
 
-CLEAR = Margins(1.6, 3.0, 3.0)      # of a hypothesis without a rival worth the name
+CLEAR = Margins(3.0, 20.0, 4.0)      # of a hypothesis without a rival worth the name
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,8 @@ def rivals(poses: Array, evidence: list[Evidence], best: int, pivot: Array) -> I
     return found[np.argsort([-evidence[k].score for k in found], kind='stable')]
 
 
-def judge(poses: Array, evidence: list[Evidence], best: int, bent: Evidence, others: Index,
-          confidence: float) -> Verdict:
+def judge(poses: Array, evidence: list[Evidence], best: int, bent: Mapping[int, Evidence],
+          others: Index, confidence: float) -> Verdict:
     """
     Weigh the best of several hypotheses against the others.
 
@@ -76,25 +79,40 @@ def judge(poses: Array, evidence: list[Evidence], best: int, bent: Evidence, oth
     ----------
     poses, evidence : hypotheses (B, 3) with the evidence of each, the maps taken as rigid
     best : which of them is judged
-    bent : its evidence when the maps may bend
+    bent : the evidence of the best, and of some rivals, when the maps may bend
     others : its rivals, strongest first
     confidence : probability from which it is accepted
     """
     margins, rival, back = CLEAR, None, 0.0
     if len(others):
-        rival, mine = int(others[0]), evidence[best]
-        weak = max(0.2, max(evidence[k].weak_score for k in others))
-        margins = Margins(mine.score / max(evidence[rival].score, 1e-3), mine.weak_score / weak,
-                          bent.weak_score / weak)
-        against = evidence[rival].weak_score / max(bent.weak_score, 0.2)
-        back = probability(evidence[rival],
-                           Margins(1.0 / max(margins.margin, 1e-3), against, against))
-    chance, alone = probability(bent, margins), probability(bent, CLEAR)
+        rival = int(others[0])
+        rigid = [evidence[k] for k in others]
+        margins = margins_over(bent[best], evidence[best], rigid,
+                               [bent[k] for k in others if k in bent])
+        theirs = bent.get(rival, evidence[rival])
+        back = probability(theirs, margins_over(theirs, evidence[rival], [evidence[best]],
+                                                [bent[best]]))
+    chance, alone = probability(bent[best], margins), probability(bent[best], CLEAR)
     word = 'refused' if chance < confidence else 'accepted'
     if chance < confidence <= alone:
         word = 'ambiguous'
     return Verdict(best, rival, chance, min(back, 1.0 - chance), chance >= confidence,
-                   _reason(word, bent, poses, best, rival, margins.margin), margins)
+                   _reason(word, bent[best], poses, best, rival, margins.margin), margins)
+
+
+def margins_over(bent: Evidence, rigid: Evidence, rivals: list[Evidence],
+                 bent_rivals: list[Evidence]) -> Margins:
+    """Compare a hypothesis, bent and rigid, with its rivals, at least one."""
+    every = rivals + bent_rivals
+    odds = [_against(item) for item in every if item.fine > COMPARABLE * bent.fine]
+    return Margins(bent.score / max(max(item.score for item in every), 1e-9),
+                   min(odds, default=5.0) / _against(bent),
+                   rigid.weak_score / max(max(item.weak_score for item in rivals), 0.2))
+
+
+def _against(item: Evidence) -> float:
+    """Wall that speaks against a hypothesis, per wall that speaks for it."""
+    return (item.fine_against + 0.5) / (item.fine + 0.5)
 
 
 def probability(item: Evidence, margins: Margins) -> float:
@@ -108,13 +126,12 @@ def probability(item: Evidence, margins: Margins) -> float:
 
 def measures(item: Evidence, margins: Margins) -> dict[str, float]:
     """Put evidence and margins on the scales on which the tests add them up."""
-    against = item.matched * (1.0 / max(item.ratio, 0.05) - 1.0)
     return {
         'ratio': _logit(item.ratio), 'fine_ratio': _logit(item.fine_ratio),
-        'little_against': -np.log(against + 5.0),
-        'margin': np.log(np.clip(margins.margin, 0.8, 2.0)),
+        'little_against': -np.log(item.fine_against + 3.0),
+        'margin': np.log(np.clip(margins.margin, 0.7, 3.0)),
+        'odds': np.log(np.clip(margins.odds, 0.1, 20.0)),
         'weak_margin': np.log(np.clip(margins.weak_margin, 0.3, 4.0)),
-        'bent_margin': np.log(np.clip(margins.bent_margin, 0.3, 4.0)),
         'weak': np.log(item.weak + 0.3), 'weak_ratio': _logit(item.weak_ratio), 'constant': 1.0}
 
 

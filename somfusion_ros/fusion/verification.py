@@ -28,31 +28,51 @@ class Evidence:
     """
     Measures of one hypothesis.
 
-    matched: wall that coincides, mean of both maps [m]; ratio: matched / (matched + wall that
-    the other map saw as free); fine_ratio: ratio at half the tolerance; overlap: share of the
-    smaller map's free area that the other map knows; weak, weak_ratio: like matched and ratio, of
-    distinct places along the direction with the least evidence, which `axis` (2,) is, in the
-    target's frame; V of (12) [0..1].
+    matched, against: wall of the clusters that coincides, and that the other map saw as free,
+    mean of both maps [m]; fine, fine_against: the same of the cells, on the likelihood field;
+    overlap: share of the smaller map's free area that the other map knows; weak, weak_against:
+    wall of distinct places that speaks for and against along the direction with the least
+    evidence [m], which `axis` (2,) is, in the target's frame; V of (12) [0..1].
     """
 
     matched: float
-    ratio: float
-    fine_ratio: float
+    against: float
+    fine: float
+    fine_against: float
     overlap: float
     weak: float
-    weak_ratio: float
+    weak_against: float
     V: float
     axis: Array
 
     @property
+    def ratio(self) -> float:
+        """Share of the wall that coincides, of the clusters."""
+        return self.matched / (self.matched + self.against + 1.0)
+
+    @property
+    def fine_ratio(self) -> float:
+        """Share of the wall that coincides, of the cells."""
+        return self.fine / (self.fine + self.fine_against + 1.0)
+
+    @property
+    def weak_ratio(self) -> float:
+        """Share of the evidence along the weakest direction that speaks for it."""
+        return self.weak / (self.weak + self.weak_against + 0.5)
+
+    @property
     def weak_score(self) -> float:
-        """Same as `score` for the direction with the least evidence."""
+        """Ratio times the root of the length, along the direction with the least evidence."""
         return self.weak_ratio * np.sqrt(self.weak)
 
     @property
     def score(self) -> float:
-        """Matched ratio times the root of the matched length."""
-        return self.ratio * np.sqrt(self.matched)
+        """
+        Rank of a hypothesis: the square of the matched ratio, times the root of the length.
+
+        Of the cells: the clusters of two corridors of equal width coincide, their doors do not.
+        """
+        return self.fine_ratio ** 2 * np.sqrt(self.fine)
 
 
 def scores(poses: Array, target: Map, source: Map, tolerance: float = TOLERANCE,
@@ -73,16 +93,36 @@ def _tally(away: Array, clusters: Clusters, tolerance: float) -> Array:
                      (away > tolerance) @ clusters.weights])
 
 
+def fine(poses: Array, target: Map, source: Map, warp: Warp | None = None) -> Array:
+    """
+    Wall cells of both maps on the other's likelihood field, for hypotheses (B, 3).
+
+    Returns
+    -------
+    (2, B) wall that coincides within a cell or two, and wall on what the other saw as free, mean
+    of both maps [m]
+    """
+    lay = Overlay(np.asarray(poses, dtype=float), warp)
+    total = np.zeros((2, len(lay.poses)))
+    for seen, by, way in ((source, target, lay.forth), (target, source, lay.back)):
+        at = way(seen.probes)
+        on = by.likelihood.at(at) * np.float32(1.0 / 255.0)
+        against = (1.0 - on) * (by.clearance.at(at) > 0.0)
+        total += np.stack([on.sum(1), against.sum(1)]) * (seen.probe_length / 2.0)
+    return total
+
+
 def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
     """Best `count` of hypotheses (B, 3) that differ by 0.5 m at pivot (2,) or 6 degrees."""
-    spot, kept = place(poses, pivot[None])[:, :, 0].T, []
-    for i in np.argsort(-score, kind='stable'):
-        near = np.hypot(*(spot[kept] - spot[i]).T) < 0.5
-        if not (near & (np.abs(wrap(poses[kept, 2] - poses[i, 2])) < 0.1)).any():
+    poses = poses[np.argsort(-score, kind='stable')]
+    spot = place(poses, pivot[None])[:, :, 0].T
+    away = np.hypot(*(spot[:, None] - spot).transpose(2, 0, 1))
+    same = (away < 0.5) & (np.abs(wrap(poses[:, None, 2] - poses[:, 2])) < 0.1)
+    kept: list[int] = []
+    for i, near in enumerate(same):
+        if not near[kept].any():
             kept.append(i)
-        if len(kept) == count:
-            break
-    return poses[kept]
+    return poses[kept[:count]]
 
 
 def measure(poses: Array, target: Map, source: Map, warp: Warp | None = None,
@@ -91,7 +131,8 @@ def measure(poses: Array, target: Map, source: Map, warp: Warp | None = None,
     lay = Overlay(np.asarray(poses, dtype=float), warp)
     ways = [_Way(source, target, lay.forth, lay.poses[:, 2], tolerance),
             _Way(target, source, lay.back, -lay.poses[:, 2], tolerance)]
-    matched, against, near, far = sum(way.lengths() for way in ways) / 2.0
+    matched, against = sum(way.lengths() for way in ways) / 2.0
+    near, far = fine(lay.poses, target, source, warp)
     R = rotation(lay.poses[:, 2])
     info = ways[0].information(), ways[1].information()
     axis = np.linalg.eigh(R @ info[0] @ np.swapaxes(R, 1, 2) + info[1])[1][:, :, 0]
@@ -99,9 +140,8 @@ def measure(poses: Array, target: Map, source: Map, warp: Warp | None = None,
     shares, votes = zip(*(way.free_agreement() for way in ways), strict=True)
     agree, differ = sum(votes)
     return [Evidence(*row) for row in zip(
-        matched, matched / (matched + against + 1.0), near / (near + far + 1.0),
-        np.max(shares, axis=0), held,
-        held / (held + lost + 0.5), agree / np.maximum(agree + differ, 1.0), axis, strict=True)]
+        matched, against, near, far, np.max(shares, axis=0), held, lost,
+        agree / np.maximum(agree + differ, 1.0), axis, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +178,9 @@ class _Way:
         self.off = by.clearance.at(at) > tolerance
 
     def lengths(self) -> Array:
-        """Length (4, B) [m] of wall on a wall, on free space; the same at half the tolerance."""
+        """Length (2, B) [m] of wall on a wall, and on free space."""
         away = self.by.clearance.at(self.lay(self.seen.clusters.centres))
-        return np.concatenate([_tally(away, self.seen.clusters, tolerance)
-                               for tolerance in (self.tolerance, self.tolerance / 2.0)])
+        return _tally(away, self.seen.clusters, self.tolerance)
 
     def information(self) -> Array:
         """Sum (B, 2, 2) of w n n' over the matched features, in the frame of this map [m]."""

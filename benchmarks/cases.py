@@ -1,0 +1,242 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+True pairs of maps, and pairs of different places, by kind: what a verdict must tell apart.
+
+Every case is made of its kind and number alone, so that any one of them can be made again.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from real_maps import RealMaps
+from somfusion_ros.geometry import apply, Array
+from somfusion_ros.grid import Grid
+import worlds
+
+Random = np.random.Generator
+NEAR = (0.5, np.radians(5.0))     # right within these [m, rad]
+
+
+@dataclass
+class Case:
+    """Two maps; their places; the truth (3,) or None, the spot (2,) where it counts [m, rad]."""
+
+    places: set[str]
+    target: Grid
+    source: Grid
+    truth: Array | None = None
+    spot: Array | None = None
+    tolerance: tuple[float, float] = NEAR
+
+    def is_right(self, pose: Array | None) -> bool:
+        """Tell whether a pose (3,) is the true one; never for different places."""
+        if self.truth is None or pose is None:
+            return False
+        off = np.subtract(*(apply(T, self.spot[None])[0] for T in (pose, self.truth)))
+        turn = abs((pose[2] - self.truth[2] + np.pi) % (2.0 * np.pi) - np.pi)
+        return bool(np.hypot(*off) < self.tolerance[0] and turn < self.tolerance[1])
+
+
+Maker = Callable[[RealMaps, Random, int], Case | None]
+KINDS: dict[str, tuple[Maker, int]] = {}     # maker and number of cases of each kind
+
+
+def kind(count: int) -> Callable[[Maker], Maker]:
+    """Register a maker under its name."""
+    def register(maker: Maker) -> Maker:
+        KINDS[maker.__name__] = maker, count
+        return maker
+    return register
+
+
+def make(name: str, maps: RealMaps, number: int) -> Case | None:
+    """Make a case; None where the dice gave nothing usable, or there are no such maps."""
+    return KINDS[name][0](maps, np.random.default_rng([crc32(name.encode()), number]), number)
+
+
+@kind(80)
+def true(maps: RealMaps, rng: Random, number: int) -> Case | None:
+    """Take a real pair as it is."""
+    return Case(*maps.true_pair(number)) if number < maps.true_pairs else None
+
+
+@kind(80)
+def furnished(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Move the furniture of both maps."""
+    place, *grids, truth, spot = maps.true_pair(number)
+    boxes = int(rng.integers(5, 40))
+    grids = [worlds.furnished(grid, rng, boxes) for grid in grids]
+    return Case(place, grids[0], worlds.worn(grids[1], rng), truth, spot)
+
+
+@kind(80)
+def worn(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Lose walls, shake them by a cell, and add noise."""
+    place, *grids, truth, spot = maps.true_pair(number)
+    return Case(place, *(worlds.worn(grid, rng, 1.0, 0.3, 0.002) for grid in grids), truth, spot)
+
+
+@kind(80)
+def redrawn(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Mix resolutions."""
+    place, *grids, truth, spot = maps.true_pair(number)
+    return Case(place, *(worlds.redrawn(grid, rng.choice([0.05, 0.06, 0.08, 0.1]))
+                         for grid in grids), truth, spot)
+
+
+@kind(160)
+def bent(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Bend one of the maps by up to nine degrees."""
+    place, target, source, truth, spot = maps.true_pair(number)
+    return Case(place, target, *_bent(source, truth, spot, rng.uniform(1.0, 9.0), rng))
+
+
+@kind(150)
+def parts(maps: RealMaps, rng: Random, number: int) -> Case | None:
+    """Cut a map in two that share a strip, half of them bent."""
+    place, grid = maps.any_map(rng)
+    target, source = worlds.halves(grid, rng.uniform(2.0, 12.0), rng)
+    both = target.free & source.free
+    if both.sum() * grid.resolution ** 2 < 4.0:
+        return None
+    spot = grid.points(both).mean(0)
+    if rng.random() < 0.5:
+        return Case({place}, target, *_bent(source, np.zeros(3), spot, rng.uniform(0, 5), rng))
+    return Case({place}, target, worlds.worn(source, rng, 1.0), np.zeros(3), spot)
+
+
+@kind(150)
+def corridor(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Two robots see a corridor's two ends and the middle."""
+    width, length = rng.uniform(1.5, 3.0), rng.uniform(10.0, 80.0)
+    grid, unseen = worlds.corridor(rng, width, length, number % 3), rng.uniform(0.1, 0.35) * length
+    target = worlds.worn(worlds.cut(grid, 0.0, 1.0 + length - unseen), rng)
+    source = worlds.cut(grid, 1.0 + unseen, 2.0 + length)
+    truth, spot = np.zeros(3), np.array([1.0 + length / 2.0, 6.0 + width / 2.0])
+    if rng.random() < 0.4:
+        return Case({f'corridor {number % 5}'}, target,
+                    *_bent(source, truth, spot, rng.uniform(0, 4), rng))
+    return Case({f'corridor {number % 5}'}, target, worlds.worn(source, rng), truth, spot)
+
+
+@kind(80)
+def office(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Two robots see overlapping parts of an office of equal rooms."""
+    rooms = int(rng.integers(5, 10))
+    grid, width = worlds.office(rng, rng, rooms)
+    spot = np.array([1.0 + rooms * width / 2.0, grid.shape[0] * grid.resolution / 2.0])
+    return Case({f'office {number % 5}'},
+                worlds.worn(worlds.cut(grid, 0.0, 1.0 + 0.7 * rooms * width), rng),
+                worlds.worn(worlds.cut(grid, 1.0 + 0.3 * rooms * width, 999.0), rng),
+                np.zeros(3), spot)
+
+
+@kind(120)
+def building(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Two robots see overlapping parts of a building of different rooms."""
+    width = rng.uniform(7.0, 30.0)
+    grid, unseen = worlds.building(rng, width, width * rng.uniform(0.5, 0.9)), 0.0
+    if rng.random() < 0.7:
+        unseen = width * rng.uniform(0.15, 0.5)
+    source = worlds.furnished(worlds.cut(grid, 1.0 + unseen, 999.0), rng, int(rng.integers(6)))
+    return Case({f'building {number % 5}'},
+                worlds.worn(worlds.cut(grid, 0.0, 1.0 + width - unseen), rng),
+                worlds.worn(source, rng), np.zeros(3),
+                np.array([1.0 + width / 2.0, grid.shape[0] * grid.resolution / 2.0]))
+
+
+@kind(20)
+def team(maps: RealMaps, rng: Random, number: int) -> Case | None:
+    """Take two robots' maps of one place, each with its own drift."""
+    if number >= len(maps.teams):
+        return None
+    (place, target, source, truth, spot) = maps.teams[number]
+    return Case(place, target, source, truth, spot, (2.0, np.radians(9.0)))
+
+
+@kind(60)
+def different(maps: RealMaps, rng: Random, number: int) -> Case | None:
+    """Take a real pair of different places as it is."""
+    return Case(*maps.false_pair(number)) if number < maps.false_pairs else None
+
+
+@kind(700)
+def crossed(maps: RealMaps, rng: Random, number: int) -> Case | None:
+    """Take two maps of different places, some cut or mirrored."""
+    (here, target), (there, source) = maps.any_map(rng), maps.any_map(rng)
+    if here == there:
+        return None
+    if rng.random() < 0.4:
+        target = worlds.halves(target, rng.uniform(-8.0, 5.0), rng)[rng.integers(2)]
+    if rng.random() < 0.4:
+        source = worlds.halves(source, rng.uniform(-8.0, 5.0), rng)[rng.integers(2)]
+    return Case({here, there}, target, worlds.mirrored(source) if rng.random() < 0.3 else source)
+
+
+@kind(120)
+def mirrored(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Take a map and the mirror image of a map of the same place: different places."""
+    place, grid, other = maps.same_place(number, rng)
+    return Case({place}, grid, worlds.mirrored(other))
+
+
+@kind(250)
+def gap(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Take two parts of one building that do not overlap."""
+    place, grid = maps.any_map(rng)
+    target, source = worlds.halves(grid, -rng.uniform(0.5, 2.0), rng)
+    return Case({place}, target, worlds.turned(source, rng))
+
+
+@kind(500)
+def corridors(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Draw two corridors of equal width, 10 to 80 m long, with other doors and crossings."""
+    width = rng.uniform(1.5, 3.0)
+    target, source = (worlds.worn(worlds.corridor(rng, width, rng.uniform(10, 80), number % 3),
+                                  rng) for _ in range(2))
+    if rng.random() < 0.3:
+        source = worlds.bend(source, rng.uniform(0.5, 4.0), rng)[0]
+    return Case({f'corridor {number % 5}'}, target, worlds.turned(source, rng))
+
+
+@kind(100)
+def corridor_in_map(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Lay a drawn corridor into a real map."""
+    place, grid = maps.any_map(rng)
+    other = worlds.corridor(rng, rng.uniform(1.5, 3.0), rng.uniform(10.0, 80.0), number % 3)
+    return Case({place}, grid, worlds.turned(worlds.worn(other, rng), rng))
+
+
+@kind(300)
+def offices(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Draw two offices of equal rooms, most with the same layout and other furniture."""
+    layouts = rng.integers(10 ** 6, size=2)
+    if rng.random() < 0.6:
+        layouts[1] = layouts[0]
+    target, source = (worlds.worn(worlds.office(rng, np.random.default_rng(layout),
+                                                int(rng.integers(4, 10)))[0], rng)
+                      for layout in layouts)
+    return Case({f'office {number % 5}'}, target, worlds.turned(source, rng))
+
+
+@kind(200)
+def buildings(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Draw two buildings of different rooms."""
+    widths = rng.uniform(5.0, 25.0, 2)
+    target, source = (worlds.worn(worlds.building(rng, width, width * rng.uniform(0.5, 0.9)), rng)
+                      for width in widths)
+    return Case({f'building {number % 5}'}, target, worlds.turned(source, rng))
+
+
+def _bent(source: Grid, truth: Array, spot: Array, degrees: float,
+          rng: Random) -> tuple[Grid, Array, Array, tuple[float, float]]:
+    """Bend and wear a source map: the map, and truth, spot and tolerance of its case."""
+    grid, move = worlds.bend(source, degrees, rng)
+    ends = move(np.array([spot, spot + (0.5, 0.0)]))
+    turn = truth[2] - np.arctan2(*(ends[1] - ends[0])[::-1])
+    shift = apply(truth, spot[None])[0] - apply((0.0, 0.0, turn), ends[:1])[0]
+    return (worlds.worn(grid, rng, 1.0), np.array([*shift, turn]), ends[0],
+            (1.2, np.radians(degrees + 2.0)))
