@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
 
 Index = NDArray[np.intp]
-ROUNDING = 1e-6     # cells at the edge of a square stay in it wherever the map lies [m]
+PHASE = 0.137       # keeps walls at round distances from the edges of the squares [m]
 
 
 def presentations(evidence: Array, delta: float) -> Array:
@@ -62,10 +62,9 @@ def _neighbourhoods(points: Array, segments: Index,
     (N,) first neuron of each cell, (K,) segment of each neuron, and (K, 9) the neurons of the
     same segment in the squares around, K where there is none: one of them wins in every pass
     """
-    # Squares begin at the segment's corner, so that its clusters depend on its cells alone.
-    corner = np.full((int(segments.max()) + 1, 2), np.inf)
-    np.minimum.at(corner, segments, points)
-    squares = np.floor((points - corner[segments] + ROUNDING) / spacing).astype(np.int64) + 1
+    # Squares are those of the frame, so that a segment's clusters depend on its cells alone.
+    squares = np.floor((points + PHASE) / spacing).astype(np.int64)
+    squares -= squares.min(0) - 1
     columns, rows = squares.max(0) + 2
     key = (segments.astype(np.int64) * rows + squares[:, 1]) * columns + squares[:, 0]
     keys, home = np.unique(key, return_inverse=True)
