@@ -4,6 +4,8 @@
 
 import logging
 from pathlib import Path
+import sys
+from types import SimpleNamespace
 
 from helpers import fake_grid, fake_room, need_data, need_ros
 import pytest
@@ -23,6 +25,7 @@ from somfusion_ros.ros.fusion_drawing import fusion_statuses, team_markers  # no
 from somfusion_ros.ros.fusion_session import FusionSession  # noqa: E402
 from somfusion_ros.ros.peers import Heard  # noqa: E402
 from somfusion_ros.ros.player import open_bag, read_records  # noqa: E402
+from somfusion_ros.ros.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.tools.cluster_rows import cluster_rows  # noqa: E402
 
 
@@ -32,6 +35,20 @@ class Log:
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.info = self.warning = self.lines.append
+
+
+def test_without_tf_the_mount_comes_from_the_parameter_and_nothing_is_sent(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    log = Log()
+    node = SimpleNamespace(get_logger=lambda: log)
+    broadcaster = Broadcaster(node)
+    assert not broadcaster.available
+    broadcaster.send(['one'])
+    for given in (Pose(), Pose(0.1, 0.0, 0.2)):
+        assert Mounts(node, given).find('base_link', 'laser').T_base_laser == given
+    assert all('without TF' in line for line in log.lines)
+    assert log.lines
 
 
 def test_faults_are_counted_and_each_kind_is_said_rarely() -> None:
