@@ -86,7 +86,7 @@ def _cells(image: NDArray[np.uint8], fields: Mapping[str, Any]) -> NDArray[np.in
     if mode not in MODES:
         raise ValueError(f'mode {mode!r} is none of {", ".join(MODES)}')
     if mode == 'raw':
-        return np.where(image <= OCCUPIED, image, UNKNOWN).astype(np.int8)
+        return np.where(image <= OCCUPIED, image.astype(np.int16), UNKNOWN).astype(np.int8)
     wall_above = float(fields.get('occupied_thresh', OCCUPIED_THRESHOLD))
     free_below = float(fields.get('free_thresh', FREE_THRESHOLD))
     if not 0.0 <= free_below < wall_above <= 1.0:
