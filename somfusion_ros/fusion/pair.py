@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from somfusion_ros.fusion.alignment import Alignment
-from somfusion_ros.geometry import apply, Array, between, compose, Pose, wrap
+from somfusion_ros.geometry import apply, Array, between, compose, inverse, Pose, wrap
 from somfusion_ros.grid import Grid
 
 SAME_DISTANCE = 0.5                # [m] at the walls of the source map; nearer is the same pose
@@ -98,14 +98,20 @@ class Pair:
         return word
 
     def _towards(self, alignment: Alignment) -> Alignment:
-        """Go from the pose that holds towards a new verdict, by a small step at most."""
-        step = between(self.held.T_target_source, alignment.T_target_source)
-        size = max(np.hypot(step[0], step[1]) / STEP_DISTANCE, abs(step[2]) / STEP_HEADING)
+        """
+        Go from the pose that holds towards a new verdict, by a small step at most.
+
+        Small in either map: a turn about the origin of one moves that of the other far.
+        """
+        old, new = self.held.T_target_source, alignment.T_target_source
+        step, other = between(old, new), between(inverse(old), inverse(new))
+        size = max(np.hypot(step[0], step[1]) / STEP_DISTANCE, abs(step[2]) / STEP_HEADING,
+                   np.hypot(other[0], other[1]) / STEP_DISTANCE)
         self._on_the_way = bool(size > 1.0)
         if not self._on_the_way:
             return alignment
         return replace(alignment, T_target_source=Pose.from_array(
-            compose(self.held.T_target_source, step / size)))
+            compose(old, step / size)))
 
     def _doubt(self) -> str:
         """Count a clear refusal; several in a row withdraw the verdict that holds."""
