@@ -52,7 +52,7 @@ def test_stitches_two_maps(merged: Path) -> None:
 
 def test_report_shows_every_figure(merged: Path) -> None:
     assert {path.stem for path in (merged / 'figures').glob('*.png')} == PICTURES
-    for path in [merged / 'report.png', *(merged / 'figures').glob('*.png')]:
+    for path in [merged / 'merge.png', merged / 'report.png', *(merged / 'figures').glob('*.png')]:
         image = cv2.imread(str(path))
         assert min(image.shape[:2]) > 400, path
         assert image.std() > 5.0, f'{path} is blank'

@@ -3,6 +3,7 @@
 """The verdict on a pair in words and numbers, as a panel."""
 
 import textwrap
+from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
 import numpy as np
@@ -10,15 +11,25 @@ import numpy as np
 from somfusion_ros.geometry import Pose
 from somfusion_ros.tools.figure_data import AGREEMENT, CONFLICT, PairData
 
+if TYPE_CHECKING:
+    from somfusion_ros.fusion.alignment import Alignment
+
+COLOURS = {'accepted': AGREEMENT, 'ambiguous': '#B8860B', 'refused': CONFLICT}
+
+
+def verdict_word(found: 'Alignment') -> str:
+    """Tell the first word of the reason: accepted, ambiguous or refused."""
+    return found.reason.partition(':')[0]
+
 
 def draw_verdict(axes: Axes, data: PairData) -> None:
     """Write the verdict with its numbers, the rival beside it, and the time it took."""
     found = data.trace.alignment
     axes.axis('off')
     axes.set_title('Verdict')
-    axes.text(0.0, 0.96, 'ACCEPTED' if found.accepted else 'REFUSED', fontsize=15,
-              fontweight='bold', va='top', transform=axes.transAxes,
-              color=AGREEMENT if found.accepted else CONFLICT)
+    word = verdict_word(found)
+    axes.text(0.0, 0.96, word.upper(), fontsize=15, fontweight='bold', va='top',
+              transform=axes.transAxes, color=COLOURS[word])
     rows = [('probability', f'{found.probability:.3f}', _rival(found, 'probability')),
             ('x, y [m]', _place(found.T_target_source), _place(_rival_pose(found))),
             ('theta [deg]', _turn(found.T_target_source), _turn(_rival_pose(found))),

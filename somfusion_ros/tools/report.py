@@ -18,7 +18,7 @@ from somfusion_ros.tools import figure_maps, figure_pair
 from somfusion_ros.tools.console import progress_bar, say
 from somfusion_ros.tools.figure_data import PairData
 from somfusion_ros.tools.figure_team import Team
-from somfusion_ros.tools.figure_verdict import draw_verdict
+from somfusion_ros.tools.figure_verdict import draw_verdict, verdict_word
 from somfusion_ros.tools.maps import MapError
 from somfusion_ros.tools.parameter_file import make
 from somfusion_ros.tools.result import pose_of, read_evidence, read_result
@@ -55,6 +55,9 @@ FIGURES: dict[str, list[Panel]] = {
     'verdict': [draw_verdict],
 }
 
+GLANCE: list[Panel] = [figure_pair.draw_fused, figure_pair.draw_agreement,
+                       figure_pair.draw_runner_up, draw_verdict]
+
 
 def report(folder: str | Path) -> Path:
     """Draw the report of a folder that replay or merge wrote; MapError where it holds none."""
@@ -77,10 +80,12 @@ def report(folder: str | Path) -> Path:
 
 def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path:
     """
-    Draw DIR/report.png and DIR/figures/*.png.
+    Draw DIR/merge.png, DIR/report.png and DIR/figures/*.png.
 
-    The page and the single figures show the most probable pair, and for more than two robots
-    the team's map; every other pair has a page of its own, DIR/figures/<target>_<source>.png.
+    merge.png is for a glance: where the maps lie, where they agree and contradict each other, the
+    runner-up, and the verdict. It, the page and the single figures show the most probable pair,
+    and for more than two robots the team's map; every other pair has a page of its own,
+    DIR/figures/<target>_<source>.png.
     """
     record = read_result(folder)
     grids = {name: read_evidence(folder / name) for name in record['robots']}
@@ -92,6 +97,8 @@ def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path
               for a, b in sorted(traces, key=lambda pair: -traces[pair].alignment.probability)]
     drawings = {figures / 'team.png': partial(_team_figure, team)}
     if ranked:
+        drawings[folder / 'merge.png'] = partial(
+            panels_in_rows, GLANCE, ranked[0], 2, 1.5 * PANEL, _title(ranked[0]))
         drawings[folder / 'report.png'] = partial(_page, ranked[0], team)
         drawings |= {figures / f'{name}.png': partial(
             panels_in_rows, panels, ranked[0], len(panels), 1.35 * PANEL)
@@ -126,11 +133,14 @@ def _page(data: PairData, team: Team) -> Figure:
     figures = FIGURES | ({'trajectories': [lambda axes, _: team.draw(axes)]}
                          if len(team.world) > 2 else {})
     panels = [panel for row in figures.values() for panel in row]
+    return panels_in_rows(panels, data, 4, PANEL, _title(data))
+
+
+def _title(data: PairData) -> str:
+    """Say the verdict on a pair."""
     found = data.trace.alignment
-    verdict = 'accepted' if found.accepted else 'refused'
-    return panels_in_rows(panels, data, 4, PANEL, (
-        f'{data.target} and {data.source}: {verdict}, probability {found.probability:.3f}, '
-        f'V {found.verification_index:.1f} %'))
+    return (f'{data.target} and {data.source}: {verdict_word(found)}, probability '
+            f'{found.probability:.3f}, V {found.verification_index:.1f} %')
 
 
 def _team_figure(team: Team) -> Figure:
