@@ -47,6 +47,15 @@ class ScaleError:
         self._J = np.zeros(3)
         self._known = np.zeros(3)      # the part that is in the covariance of the last view
 
+    @property
+    def derivatives(self) -> Array:
+        """Give J and what is known of it (2, 3), for a state that is saved."""
+        return np.array([self._J, self._known])
+
+    @derivatives.setter
+    def derivatives(self, values: Array) -> None:
+        self._J, self._known = values.copy()
+
     def predict(self, F: Array, G: Array, step: Array) -> None:
         """Follow a step (3,) of the odometry; F, G (3, 3) are the Jacobians of composing it."""
         self._J = F @ self._J + G[:, :2] @ step[:2]

@@ -17,12 +17,14 @@ import zlib
 
 import numpy as np
 
+from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.loops import centre
 from somfusion_ros.slam.mapping import MapScan
 from somfusion_ros.slam.memory import Memory, State
 from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.slam.tracking import Tracker
 
 VERSION = 1
 PARTS = ('points', 'normals', 'hits', 'rim')   # of a cloud, each (k, 2)
@@ -97,6 +99,10 @@ def _state(a: dict[str, Any]) -> State:
         to_close=deque(a['to_close'].tolist()))
     tracker = {name.removeprefix(TRACKER): value for name, value in a.items()
                if name.startswith(TRACKER)}
+    fresh = Tracker(SlamConfig()).state()
+    if {k: v.shape for k, v in tracker.items()} != {**{k: v.shape for k, v in fresh.items()},
+                                                    'odometry': (7,)}:
+        raise ValueError('its tracker is that of another version')
     return State(memory, a['poses'], tracker)
 
 

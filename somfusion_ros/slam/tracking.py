@@ -80,7 +80,8 @@ class Tracker:
                     [odometry.stamp, *odometry.pose, *odometry.twist]),
                 'since': np.array([self._dt, self._unseen, self._usual, self.lost]),
                 'turning': c.turning, 'P_turning': c.P_turning,
-                'travelling': c.travelling, 'P_travelling': c.P_travelling}
+                'travelling': c.travelling, 'P_travelling': c.P_travelling,
+                'scale': self._scale.derivatives}
 
     def resume(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave."""
@@ -93,6 +94,7 @@ class Tracker:
         self.lost = bool(s['since'][3])
         c.turning, c.P_turning = s['turning'], s['P_turning']
         c.travelling, c.P_travelling = s['travelling'], s['P_travelling']
+        self._scale.derivatives = s['scale']
         self._resumed = True
 
     def start_view(self, local_map: LocalMap) -> None:
