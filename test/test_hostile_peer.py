@@ -200,7 +200,7 @@ def test_a_flood_of_garbage_is_counted_under_its_sender_and_fills_no_memory() ->
     kinds = (('map', a_grid), (MAP, a_stream), (CHANGES, a_stream), (STATE, a_state),
              (CLUSTERS, a_cloud))
     tracemalloc.start()
-    for step in range(1600):
+    for step in range(1000):
         topic, make = kinds[step % len(kinds)]
         intake.keep('robot9', topic, make(rng))
         intake.keep_pose('robot9', a_pose(rng))
@@ -208,11 +208,11 @@ def test_a_flood_of_garbage_is_counted_under_its_sender_and_fills_no_memory() ->
         if step % 20 == 0:
             intake.drain()
             session.refresh()
-        if step == 400:
+        if step == 300:
             before = tracemalloc.get_traced_memory()[0]
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
-    assert len(counts) > 100
+    assert len(counts) > 50
     assert all('robot9' in kind for kind in counts)
     assert grown < 5 * MEGABYTE
 
@@ -269,11 +269,11 @@ def test_a_map_that_flips_between_two_buildings_is_tried_ever_more_rarely() -> N
     other = cut_grid(fake_grid(fake_room(5.0, 4.0)), (-1.0, -1.0), (4.0, 4.0))
     session.take_map('robot1', SharedMap(fake_grid(walls)))
     tried = []
-    for second in range(600):
+    for second in range(400):
         grid = fake_grid(walls) if second // 2 % 2 else other
         session.take_map('robot9', SharedMap(grid), float(second))
         if session.attempt(float(second)):
             tried.append(second)
     assert len(tried) < 40
-    assert sum(second > 300 for second in tried) < 8
+    assert sum(second > 200 for second in tried) < 8
     assert any('robot9 began a new map' in text for text in said)

@@ -6,6 +6,7 @@ from helpers import cut_grid, fake_grid, fake_room, pose_error
 import numpy as np
 import pytest
 from somfusion_ros.fusion.alignment import Alignment, RunnerUp
+from somfusion_ros.fusion.global_map import merge_grids
 from somfusion_ros.fusion.members import begun_anew, Team
 from somfusion_ros.fusion.pair import (change, Pair, REFUSALS, same_pose, SOON, STEP_DISTANCE,
                                        TIME_SHARE)
@@ -338,3 +339,36 @@ def test_a_map_that_begins_anew_again_and_again_is_counted() -> None:
         team.update_map('b', shared(corner_room()))
         team.update_map('b', shared(ROOM))
     assert team.begun_anew['b'] == 3
+
+
+@pytest.mark.parametrize('count', [2, 3, 5, 8])
+def test_all_robots_of_a_team_draw_the_same_map(count: int) -> None:
+    """Each matches its neighbours only, with its own error; all else comes from the others."""
+    rng, names = np.random.default_rng(count), 'abcdefgh'[:count]
+    frames = {name: Pose(*rng.uniform(-3, 3, 3)) for name in names}
+    maps = {name: SharedMap(cut_grid(fake_grid(fake_room(), T_map_walls=frame), (-9, -9), (9, 9)))
+            for name, frame in frames.items()}
+    teams = {name: Team(name) for name in names}
+    for team in teams.values():
+        for name, one in maps.items():
+            team.update_map(name, one)
+    for first, second in zip(names, names[1:]):
+        truth = compose(frames[first], inverse(frames[second]))
+        for own, peer in ((first, second), (second, first)):
+            found = verdict(Pose.from_array(truth + rng.normal(0, (0.02, 0.02, 0.003))))
+            teams[own].record(peer, found, *teams[own].grids_of(peer), 0.0)
+    for owner, team in teams.items():
+        for other in teams.values():
+            other.hear(owner, team.own_edges())
+    drawn = []
+    for name, team in teams.items():
+        world = team.solution().group_of(name)
+        assert set(world) == set(names)
+        for robot, pose in world.items():
+            truth = compose(frames['a'], inverse(frames[robot]))
+            assert pose_error(pose, truth)[0] < 0.02 * count
+        drawn.append(merge_grids({robot: one.grid for robot, one in team.maps.items()}, {
+            robot: Pose(*np.round(pose, 4)) for robot, pose in world.items()}))
+    for merged in drawn[1:]:
+        assert merged.T_frame_grid == drawn[0].T_frame_grid
+        assert np.mean(merged.evidence == drawn[0].evidence) > 0.9999

@@ -23,7 +23,7 @@ from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.ros.conversions import CLUSTER_FIELDS
 from std_msgs.msg import String, UInt8MultiArray
 
-MAX_STATE = 1 << 16      # bytes of a state; 50 robots that all overlap need a quarter of it
+MAX_STATE = 1 << 18      # bytes of a state; an edge takes a quarter of a kilobyte
 MAX_EDGES = 256          # that one robot can have accepted
 MAX_NAME = 128           # letters of a robot's name
 MAX_CLUSTERS = 4096
