@@ -54,6 +54,7 @@ class ScaleError:
 
     @derivatives.setter
     def derivatives(self, values: Array) -> None:
+        """Take what was saved."""
         self._J, self._known = values.copy()
 
     def predict(self, F: Array, G: Array, step: Array) -> None:
