@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 import json
 from pathlib import Path
 import shutil
@@ -130,10 +131,11 @@ def _slam_parameters(log: Log) -> list[str]:
     with BagReader(log.path) as reader:
         base = base_frame(reader, log.odometry_source, log.odometry_topic)
     x, y, theta = (float(value) for value in log.T_base_laser)
-    values = {'base_frame': base or 'base_link', 'laser_pose': f'[{x!r}, {y!r}, {theta!r}]',
-              'odometry_source': log.odometry_source,
+    values = {'base_frame': base or 'base_link', 'odometry_source': log.odometry_source,
               'map_update_interval': MAP_UPDATE_INTERVAL,
               'transform_timeout': TRANSFORM_TIMEOUT}
+    if not (log.upside_down and find_spec('tf2_msgs')):   # which laser_pose cannot say, but TF
+        values['laser_pose'] = f'[{x!r}, {y!r}, {theta!r}]'
     return [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
 
 
