@@ -34,7 +34,7 @@ class Log:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
-        self.info = self.warning = self.lines.append
+        self.info = self.warning = lambda line, **_: self.lines.append(line)
 
 
 def test_without_tf_the_mount_comes_from_the_parameter_and_nothing_is_sent(

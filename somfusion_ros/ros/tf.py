@@ -76,5 +76,6 @@ def message_type(node: Any) -> Any:
     try:
         return import_module('tf2_msgs.msg').TFMessage
     except ImportError as error:
-        node.get_logger().info(f'running without TF ({error}): transforms go out as messages')
+        node.get_logger().info(f'running without TF ({error}): transforms go out as messages',
+                               once=True)
         return None
