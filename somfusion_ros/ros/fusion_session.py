@@ -76,7 +76,7 @@ class FusionSession:
         self._scouting = Scouting(config.minimum_change)
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
-        self._said: set[str] = set()
+        self._dropped: set[tuple[tuple[str, str], str]] = set()
         self._accepted: dict[str, Pose] = {}
         self._jumps = 0
         self._drawn: dict[str, tuple[SharedMap, Pose]] = {}
@@ -148,9 +148,10 @@ class FusionSession:
         if alive is not None:
             self._keeping.update(alive)
         solution, pairs = self._team.solution(), self._team.pairs
-        for reason in {dropped.reason for dropped in solution.dropped} - self._said:
-            self._said.add(reason)
-            self._say(reason)
+        dropped = {(d.edge.robots, d.edge.kind): d.reason for d in solution.dropped}
+        for edge in dropped.keys() - self._dropped:
+            self._say(dropped[edge])
+        self._dropped = set(dropped)
         connected = solution.group_of(self._name).keys() - {self._name}
         self.snapshot = Snapshot(
             self._team.own_transforms(), tuple(self._team.own_edges()), solution,
