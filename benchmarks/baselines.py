@@ -62,6 +62,55 @@ def fourier_mellin(target: Grid, source: Grid, size: int = 1024, cell: float = 0
     return in_frames(best, *grids), bool(strength >= accept)
 
 
+def hough_spectrum(target: Grid, source: Grid, size: int = 1024, cell: float = 0.2,
+                   accept: float = 0.6) -> Found:
+    """
+    Turn and shift from Hough spectra (Carpin 2008): best of the turns' peaks, by walls matched.
+
+    The spectrum is the sum of squares of every column of the Hough image; shifts come from the
+    correlation of the spectra of x and y.
+    """
+    images, corners = zip(*(_walls(grid, size, cell) for grid in (target, source)), strict=True)
+    spectra = [_hough(image) for image in images]
+    product = np.fft.rfft(spectra[0]) * np.conj(np.fft.rfft(spectra[1]))
+    agreement = np.fft.irfft(product, len(spectra[0]))
+    order = np.argsort(-agreement)
+    turns = [order[0]]
+    for k in order:
+        if min(abs((k - t + 90) % 180 - 90) for t in turns) > 10 and len(turns) < 4:
+            turns.append(k)
+    best, strength = None, -1.0
+    for turn in [t + half for t in turns for half in (0, 180)]:
+        R = cv2.getRotationMatrix2D((size / 2, size / 2), -float(turn), 1.0)
+        moved = cv2.warpAffine(images[1], R, (size, size))
+        shift = [_shift(images[0].sum(axis), moved.sum(axis)) for axis in (0, 1)]
+        R[:, 2] += shift
+        placed = cv2.warpAffine(images[1], R, (size, size))
+        matched = float((placed * images[0]).sum() / max((placed * placed).sum(), 1e-6))
+        if matched > strength:
+            best, strength = R, matched
+    grids = [Grid(np.zeros((1, 1), np.float32), cell, (*corner, 0.0)) for corner in corners]
+    return in_frames(best, *grids), bool(strength >= accept)
+
+
+def _hough(image: np.ndarray) -> np.ndarray:
+    """Hough spectrum (180,): how sharply the walls project onto each direction."""
+    rows, columns = np.nonzero(image > 0.2)
+    x, y = columns - image.shape[1] / 2.0, rows - image.shape[0] / 2.0
+    spectrum = np.empty(180)
+    for degree in range(180):
+        angle = np.radians(degree)
+        offset = np.rint(x * np.cos(angle) + y * np.sin(angle)).astype(int) + image.shape[0]
+        spectrum[degree] = (np.bincount(offset, minlength=2 * image.shape[0]) ** 2.0).sum()
+    return spectrum - spectrum.mean()
+
+
+def _shift(target: np.ndarray, source: np.ndarray) -> float:
+    """Shift [cells] of a profile that matches another best."""
+    both = np.correlate(target - target.mean(), source - source.mean(), 'full')
+    return float(both.argmax() - (len(source) - 1))
+
+
 def _walls(grid: Grid, size: int, cell: float) -> tuple[np.ndarray, np.ndarray]:
     """Blurred wall image (size, size) centred on the walls, and its corner (2,) [m]."""
     points = grid.points(grid.occupied)

@@ -30,7 +30,7 @@ import numpy as np  # noqa: E402
 from somfusion_ros.config import FusionConfig  # noqa: E402
 from somfusion_ros.fusion import (orientation, seeds, translation,  # noqa: E402
                                   verification)
-from somfusion_ros.fusion.alignment import align  # noqa: E402
+from somfusion_ros.fusion.alignment import align, Clock, search  # noqa: E402
 from somfusion_ros.fusion.features import Map  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.geometry import compose, Pose, rotation, wrap  # noqa: E402
@@ -118,6 +118,15 @@ def rescored(pair: Pair) -> Found:
     return best, bool(evidence.V >= PUBLISHED_V)
 
 
+def by_cells(pair: Pair) -> Found:
+    """Let the cells choose among what the clusters propose."""
+    target, source = learn(pair.target), learn(pair.source)
+    poses, _ = search(target, source, FusionConfig(), Clock())
+    evidence = verification.measure(poses, target, source)
+    best = max(range(len(poses)), key=lambda k: evidence[k].score)
+    return poses[best], bool(evidence[best].V >= PUBLISHED_V)
+
+
 def whole(pair: Pair) -> Found:
     """Refine and judge: the package as it is."""
     found = align(pair.target, pair.source)
@@ -138,17 +147,20 @@ def fine_clusters(pair: Pair) -> Found:
 
 ROWS: dict[str, Callable[[Pair], Found]] = {
     'the paper, literally': published, '+ four-fold hypotheses': four_fold,
-    '+ seeds by votes': seeded, '+ rescoring': rescored, '+ refinement and verdict': whole,
+    '+ seeds by votes': seeded, '+ rescoring': rescored, '+ cells choose': by_cells,
+    '+ refinement and verdict': whole,
     'all, clusters 0.8 m': coarse_clusters, 'all, clusters 0.1 m': fine_clusters,
     'ORB, affine RANSAC': lambda pair: baselines.keypoints(
         pair.target, pair.source, cv2.ORB_create(2000)),
     'SIFT, affine RANSAC': lambda pair: baselines.keypoints(
         pair.target, pair.source, cv2.SIFT_create()),
     'Fourier-Mellin': lambda pair: baselines.fourier_mellin(pair.target, pair.source),
+    'Hough spectrum': lambda pair: baselines.hough_spectrum(pair.target, pair.source),
 }
-if hasattr(cv2, 'AKAZE_create'):     # not in every build of OpenCV 5
-    ROWS['AKAZE, affine RANSAC'] = lambda pair: baselines.keypoints(
-        pair.target, pair.source, cv2.AKAZE_create())
+for detector in ('AKAZE', 'KAZE', 'BRISK'):     # not in every build of OpenCV 5
+    if hasattr(cv2, f'{detector}_create'):
+        ROWS[f'{detector}, affine RANSAC'] = lambda pair, make=getattr(
+            cv2, f'{detector}_create'): baselines.keypoints(pair.target, pair.source, make())
 
 
 def _array(pose: Pose | None) -> np.ndarray | None:
@@ -182,6 +194,17 @@ def measure(method: Callable[[Pair], Found], pairs: list[Pair]) -> str:
             f'{false:6d} {np.median(ms):8.0f} {np.percentile(ms, 95):6.0f}')
 
 
+def sizes(pairs: list[Pair]) -> str:
+    """Bytes of a map as clusters, as wall cells and as a whole grid; median."""
+    rows = []
+    for pair in pairs:
+        one = learn(pair.target)
+        rows.append((one.clusters.table.nbytes, 8 * len(one.cells), pair.target.evidence.size))
+    found = np.median(rows, axis=0) / 1024.0
+    return ('one map in kB, median: clusters {:.0f}, wall cells {:.0f}, '
+            'grid {:.0f}'.format(*found))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__,
@@ -194,6 +217,10 @@ def main() -> None:
     with open(args.pairs / 'manifest.csv', encoding='utf-8') as file:
         pairs = [load(args.pairs, row) for row in list(csv.DictReader(file))[::args.every]]
     true = sum(pair.truth is not None for pair in pairs)
+    absent = [name for name in ('AKAZE', 'KAZE', 'BRISK') if not hasattr(cv2, f'{name}_create')]
+    if absent:
+        print(f'OpenCV {cv2.__version__} lacks {", ".join(absent)}')
+    print(sizes(pairs))
     print(f'{true} true pairs, {len(pairs) - true} of different places; CPU time on one core')
     print(f'{"":26}  right  strict  success  wrong  false  ms: med    p95')
     for name, method in ROWS.items():
