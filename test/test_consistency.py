@@ -1,0 +1,77 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Short forms of the studies in benchmarks/trials.py, systematic errors, and determinism."""
+
+from collections import Counter
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+from helpers import ROOT, write_fake_bag
+import numpy as np
+import pytest
+from somfusion_ros.tools import drive
+from somfusion_ros.tools.bags import open_log
+from somfusion_ros.tools.floor_plan import office
+from somfusion_ros.tools.laser import Scene
+from somfusion_ros.tools.robot_run import run_robot
+from somfusion_ros.tools.trial import run_trial, SICK, simulate_trial
+
+
+@pytest.fixture(scope='module')
+def trials() -> ModuleType:
+    """Load the study, which is no part of the package."""
+    spec = importlib.util.spec_from_file_location('trials', ROOT / 'benchmarks' / 'trials.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_covariance_is_neither_too_small_nor_too_large(trials: ModuleType) -> None:
+    """
+    Two drives at five moments: 30 degrees of freedom, if the moments were independent.
+
+    The band of 0.5 to 6 about the expected 3 is wide; the study of 50 drives narrows it down.
+    """
+    mean = np.mean([nees for _, nees, _ in trials.consistency(range(6, 15, 8))])
+    assert 0.5 < mean < 6.0
+
+
+def test_rooms_that_look_alike_are_not_joined(trials: ModuleType) -> None:
+    counts = Counter()
+    for number in (1, 2):
+        found, outcome = trials.look_alike_trial(number)
+        counts.update(found)
+        assert outcome.distance.max() < 0.5
+    assert counts['believed false'] == 0
+    assert counts['believed true'] > 0
+
+
+@pytest.mark.parametrize('radius, separation', [(1.03, 1.0), (0.97, 1.0), (1.0, 1.03),
+                                                (1.0, 0.97)])
+def test_wheels_wrong_by_3_percent_are_estimated(radius: float, separation: float) -> None:
+    """Scales of travel and turn within 3 of the filter's sigmas, and within 1.5 percent."""
+    nominal = drive.NOMINAL
+    wheels = drive.Wheels(nominal.left * radius, nominal.right * radius,
+                          nominal.separation * separation)
+    plan = office()
+    stamps, poses = drive.follow(plan.route(0)[:12], -0.9, 0.5, 60.0)
+    trial = simulate_trial(lambda t: Scene(plan.segments), stamps, poses, SICK,
+                           np.random.default_rng(7), wheels, slip=0.005)
+    out = run_trial(trial)
+    c = out.slam._tracker.calibration
+    for estimate, sigma, true in (
+            (c.travelling[0], np.sqrt(c.P_travelling[0, 0]), radius - 1.0),
+            (c.turning[1], np.sqrt(c.P_turning[1, 1]), radius / separation - 1.0)):
+        assert abs(estimate - true) < 3.0 * sigma
+        assert abs(estimate - true) < 0.015
+        assert 1e-4 < sigma < 0.03
+    assert out.distance.max() < 0.12
+
+
+def test_the_same_bag_gives_the_same_result_bit_for_bit(tmp_path: Path) -> None:
+    write_fake_bag(tmp_path / 'bag', every=3)
+    first, second = (run_robot(open_log(tmp_path / 'bag')) for _ in range(2))
+    np.testing.assert_array_equal(first.poses, second.poses)
+    np.testing.assert_array_equal(first.views, second.views)
+    np.testing.assert_array_equal(first.grid.evidence, second.grid.evidence)
