@@ -116,7 +116,7 @@ def test_distinct_keeps_the_best_of_each_place() -> None:
     assert kept.tolist() == [[0.1, 0, 0], [5, 0, 1.0], [5, 0, 0]]
 
 
-FOR = ('matched', 'fine', 'weak')
+FOR = ('matched', 'fine', 'weak', 'overlap')
 AGAINST = ('against', 'fine_against', 'weak_against')
 
 
@@ -134,6 +134,13 @@ def test_more_evidence_never_lowers_the_probability(
         factor = 1.2 if changed in FOR else 0.8
         item = replace(item, **{changed: factor * getattr(item, changed)})
     assert 0.0 <= before <= probability(item, margins) <= 1.0
+
+
+def test_a_thin_strip_is_not_enough() -> None:
+    """The same evidence in 3 % of the smaller map is refused, in 20 % it is accepted."""
+    item, clear = replace(GOOD, weak=3.0, weak_against=0.4), Margins(3.0, 20.0, 4.0)
+    assert probability(replace(item, overlap=0.2), clear) > 0.95
+    assert probability(replace(item, overlap=0.03), clear) < 0.3
 
 
 @pytest.mark.parametrize('mine, theirs, word', [
