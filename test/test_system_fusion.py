@@ -110,6 +110,7 @@ def test_two_robots_find_their_pose_and_share_one_map(graph: Graph) -> None:
     results = {robot: start(graph, robot) for robot in ('robot1', 'robot2')}
     clouds = graph.hear(PointCloud2, '/robot1/clusters', qos.LATCHED)
     poses = graph.hear(PoseArray, '/robot1/peer_poses', qos.STREAM)
+    each = graph.hear(PoseWithCovarianceStamped, '/robot1/peer_poses/robot2', qos.STREAM)
     here = graph.node.create_publisher(PoseWithCovarianceStamped, '/robot2/pose', qos.STREAM)
     for robot, peer in (('robot1', 'robot2'), ('robot2', 'robot1')):
         graph.until(lambda: results[robot]['transform'], f'transform of {robot}')
@@ -125,8 +126,13 @@ def test_two_robots_find_their_pose_and_share_one_map(graph: Graph) -> None:
 
     def told_where() -> bool:
         here.publish(convert.pose_with_covariance(Pose(1.0, 2.0, 0.5), np.eye(3), 'map', Time()))
-        return bool(poses)
+        return bool(poses and each)
     graph.until(told_where, "the peer's pose")
+    sigma = np.sqrt(np.diag(convert.planar_covariance(each[-1].pose.covariance)))
+    assert (sigma > 0.01).all()     # that of the map's place and of the pose in it
+    assert (sigma < 3.0).all()
+    assert convert.pose_from_message(each[-1].pose.pose) == pytest.approx(
+        convert.pose_from_message(poses[-1].poses[0]))
     seen = convert.pose_from_message(poses[-1].poses[0])
     truth = compose(compose(FRAMES['robot1'], between(FRAMES['robot2'], Pose())), (1.0, 2.0, 0.5))
     assert pose_error(seen, truth)[0] < METRES + 0.05
