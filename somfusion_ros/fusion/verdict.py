@@ -25,9 +25,9 @@ SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor
 APART = (0.7, np.radians(8.0))     # a rival lies further than this from the best [m, rad]
 ENOUGH = 0.1       # share of the smaller map from which an overlap is no thin strip
 COMPARABLE = 0.4   # a rival that matches less of the best's wall tells nothing of its conflicts
-AGREEMENT = {'ratio': 1.97, 'fine_ratio': 1.84, 'little_against': 9.08, 'constant': 35.96}
-DISTINCTION = {'margin': 2.64, 'odds': 6.06, 'weak_margin': 3.88, 'constant': -5.88}
-PLACES = {'weak': 1.55, 'weak_ratio': 6.38, 'overlap': 6.47, 'constant': -4.34}
+AGREEMENT = {'ratio': 3.08, 'fine_ratio': 0.32, 'little_against': 11.52, 'constant': 45.44}
+DISTINCTION = {'margin': 1.27, 'odds': 8.11, 'weak_margin': 5.26, 'constant': -7.33}
+PLACES = {'weak': 1.86, 'weak_ratio': 4.29, 'overlap': 5.98, 'constant': -4.01}
 
 
 @dataclass(frozen=True)
