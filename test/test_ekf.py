@@ -15,7 +15,7 @@ STEP = np.array([0.5, 0.0, 2 * np.pi / 40])
 
 def chain(n: int, rng: np.random.Generator) -> tuple[DelayedStateEkf, list[Relation]]:
     """Drive a circle with noisy steps."""
-    ekf, relations = DelayedStateEkf(), []
+    ekf, relations = DelayedStateEkf(anchors=1), []
     ekf.augment(np.zeros(3), Q)
     for k in range(1, n):
         z = STEP + rng.multivariate_normal(np.zeros(3), Q)
@@ -118,3 +118,20 @@ def test_a_false_loop_counts_less_than_the_rest():
     clean = smoothing.solve(np.array(start), [*relations, *good])
     spoilt = smoothing.solve(np.array(start), [*relations, *good, bad], iterations=20)
     assert np.abs(clean - spoilt)[:, :2].max() < 0.25
+
+
+def test_marginalised_views_hang_between_their_anchors():
+    """An anchored filter tells the newest pose and its covariance as the full one does."""
+    rng, full, anchored = np.random.default_rng(4), DelayedStateEkf(1), DelayedStateEkf(4)
+    for _ in range(200):
+        z = STEP + rng.multivariate_normal(np.zeros(3), Q)
+        for ekf in (full, anchored):
+            ekf.augment(z, Q)
+    assert anchored.kept.sum() < 110 and full.kept.all()
+    for i, j in ((0, 160), (40, 199), (20, 180)):
+        z = between(full.poses[i], full.poses[j]) + rng.normal(0.0, 0.01, 3)
+        for ekf in (full, anchored):
+            ekf.update(Relation(i, j, z, Q))
+    np.testing.assert_allclose(anchored.block(199, 199), full.block(199, 199), rtol=1e-6)
+    np.testing.assert_allclose(anchored.poses[anchored.kept], full.poses[anchored.kept], atol=1e-6)
+    np.testing.assert_allclose(anchored.poses, full.poses, atol=0.02)

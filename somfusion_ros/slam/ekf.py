@@ -6,30 +6,45 @@ Delayed-state EKF: the mean and covariance of every kept view pose.
 The state x = [x_1 ... x_n] holds the pose T_map_view of each view; the current pose is one more
 motion away from the last (section II-A; Eustice et al. 2006). A new view costs one row of P, a
 loop closure one symmetric rank-3 update of the lower triangle of P.
+
+Of the old views only every few stay in P, as anchors: the others are marginalised, which in
+covariance form is to forget their rows, and hang between their anchors from then on.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 
 from somfusion_ros.geometry import (
     Array, between, between_jacobians, compose, compose_jacobians, wrap)
 from somfusion_ros.slam.relation import Relation
 
-GROWTH = 64  # views of room that P grows by, at least
+GROWTH = 64    # views of room that P grows by, at least
+ANCHORS = 4    # one of so many old views stays in P
+RECENT = 64    # newest views, which all stay in P
 
 
 class DelayedStateEkf:
     """Mean (n, 3) and covariance of n view poses in the map frame; view 0 is the origin."""
 
-    def __init__(self) -> None:
+    def __init__(self, anchors: int = ANCHORS) -> None:
         self.n = 0
+        self._anchors = anchors
         self._x = np.zeros((GROWTH, 3))
         self._P = np.zeros((3 * GROWTH, 3 * GROWTH), order='F')
+        self._slot = np.full(GROWTH, -1)       # place of each view in P, -1: marginalised
+        self._free = list(range(GROWTH))[::-1]
+        self._hung = np.zeros((GROWTH, 2, 3))  # marginalised views seen from both anchors
 
     @property
     def poses(self) -> Array:
         """View poses T_map_view (n, 3); a view of the state, not a copy."""
         return self._x[:self.n]
+
+    @property
+    def kept(self) -> NDArray[np.bool_]:
+        """Mask (n,) of the views that are in P."""
+        return self._slot[:self.n] >= 0
 
     def augment(self, T_view_new: Array, Q: Array) -> int:
         """
@@ -37,19 +52,59 @@ class DelayedStateEkf:
 
         The first view, with any arguments, is the origin and certain. Returns the view's index.
         """
+        self._marginalise(self.n - RECENT)
         self._make_room()
         k = self.n
+        self._slot[k] = self._free.pop()
+        s = self._rows(k)
+        column = np.zeros((len(self._P), 3))
         if k > 0:
-            x, P, last = self._x, self._P, slice(3 * k - 3, 3 * k)
-            F, G = compose_jacobians(x[k - 1], T_view_new)
-            x[k] = compose(x[k - 1], T_view_new)
-            new = slice(3 * k, 3 * k + 3)
-            P_last = self.block(k - 1, k - 1)
-            P[new, :3 * k - 3] = F @ P[last, :3 * k - 3]
-            P[new, last] = F @ P_last
-            P[new, new] = F @ P_last @ F.T + G @ Q @ G.T
+            F, G = compose_jacobians(self._x[k - 1], T_view_new)
+            self._x[k] = compose(self._x[k - 1], T_view_new)
+            column = self._column(k - 1) @ F.T
+            column[s] = F @ self.block(k - 1, k - 1) @ F.T + G @ Q @ G.T
+        self._P[s, :s.stop] = column[:s.stop].T
+        self._P[s.start:, s] = column[s.start:]
         self.n += 1
         return k
+
+    def _marginalise(self, k: int) -> None:
+        """Take view k out of P, unless it is an anchor or there is none such."""
+        if k <= 0 or k % self._anchors == 0:
+            return
+        self._free.append(int(self._slot[k]))
+        self._slot[k] = -1
+        self._hang(np.array([k]))
+
+    def _around(self, k: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Anchors (2, m) before and after marginalised views k (m,)."""
+        before = k - k % self._anchors
+        return np.array([before, before + self._anchors])
+
+    def _hang(self, k: NDArray[np.intp]) -> None:
+        """Keep where marginalised views k (m,) lie now between their anchors."""
+        for end, anchor in enumerate(self._around(k)):
+            self._hung[k, end] = between(self._x[anchor], self._x[k])
+
+    def _follow(self) -> None:
+        """Move the marginalised views with their anchors."""
+        k = np.flatnonzero(~self.kept)
+        if len(k):
+            a, b = (compose(self._x[anchor], self._hung[k, end])
+                    for end, anchor in enumerate(self._around(k)))
+            share = ((k % self._anchors) / self._anchors)[:, None]
+            self._x[k] = compose(a, share * between(a, b))
+
+    def _anchored(self, relation: Relation) -> Relation:
+        """Give a relation between views that are in P, the same but for what hangs rigidly."""
+        i, j = (k if self._slot[k] >= 0 else k - k % self._anchors
+                for k in (relation.first, relation.second))
+        if (i, j) == (relation.first, relation.second):
+            return relation
+        x = self._x
+        z = compose(compose(between(x[i], x[relation.first]), relation.z),
+                    between(x[relation.second], x[j]))
+        return Relation(i, j, z, relation.R)
 
     def ahead(self, T_view_base: Array, Q: Array) -> tuple[Array, Array]:
         """Give the pose (3,) in the map, and covariance (3, 3), of a motion from the last view."""
@@ -60,19 +115,27 @@ class DelayedStateEkf:
 
     def _make_room(self) -> None:
         """Let P and x grow before they are full."""
-        room = len(self._x)
-        if self.n < room:
-            return
-        more = room + max(GROWTH, room // 8)
-        x, P = np.zeros((more, 3)), np.zeros((3 * more, 3 * more), order='F')
-        x[:room], P[:3 * room, :3 * room] = self._x, self._P
-        self._x, self._P = x, P
+        if self.n == len(self._x):
+            more = self.n + max(GROWTH, self.n // 8)
+            self._x, self._hung = (np.concatenate([a, np.zeros((more - self.n, *a.shape[1:]))])
+                                   for a in (self._x, self._hung))
+            self._slot = np.concatenate([self._slot, np.full(more - self.n, -1)])
+        if not self._free:
+            room = len(self._P) // 3
+            more = room + max(GROWTH, room // 8)
+            P = np.zeros((3 * more, 3 * more), order='F')
+            P[:3 * room, :3 * room] = self._P
+            self._P, self._free = P, list(range(room, more))[::-1]
+
+    def _rows(self, k: int) -> slice:
+        """Rows of P that belong to view k."""
+        return slice(3 * int(self._slot[k]), 3 * int(self._slot[k]) + 3)
 
     def block(self, i: int, j: int) -> Array:
-        """Covariance (3, 3) between views i and j."""
-        if i < j:
+        """Covariance (3, 3) between views i and j, which are in P."""
+        if self._slot[i] < self._slot[j]:
             return self.block(j, i).T
-        B = self._P[3 * i:3 * i + 3, 3 * j:3 * j + 3]
+        B = self._P[self._rows(i), self._rows(j)]
         return np.tril(B) + np.tril(B, -1).T if i == j else B.copy()
 
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
@@ -84,6 +147,7 @@ class DelayedStateEkf:
 
     def innovation(self, relation: Relation) -> tuple[Array, Array]:
         """Give z - h(x) (3,) and its covariance S (3, 3)."""
+        relation = self._anchored(relation)
         h, P_h = self.relative(relation.first, relation.second)
         y = relation.z - h
         y[2] = wrap(y[2])
@@ -95,29 +159,32 @@ class DelayedStateEkf:
 
         The state becomes x + K y, P - K S K', with K = P H' inv(S), by one rank-3 dsyrk.
         """
+        relation = self._anchored(relation)
         i, j = relation.first, relation.second
         y, S = self.innovation(relation)
         A, B = between_jacobians(self._x[i], self._x[j])
         PH = self._column(i) @ A.T + self._column(j) @ B.T
         L = np.linalg.cholesky(S)
         W = np.linalg.solve(L, PH.T)
-        move = (W.T @ np.linalg.solve(L, y)).reshape(-1, 3)
-        self._x += move
+        kept = np.flatnonzero(self.kept)
+        move = (W.T @ np.linalg.solve(L, y)).reshape(-1, 3)[self._slot[kept]]
+        self._x[kept] += move
         self._x[:, 2] = wrap(self._x[:, 2])
+        self._follow()
         self._P = dsyrk(-1.0, W, beta=1.0, c=self._P, trans=1, lower=1, overwrite_c=1)
-        return float(np.hypot(move[:self.n, 0], move[:self.n, 1]).max())
+        return float(np.hypot(move[:, 0], move[:, 1]).max())
 
     def _column(self, i: int) -> Array:
         """Columns (3 * room, 3) of P that belong to view i, from the lower triangle."""
-        P, s = self._P, slice(3 * i, 3 * i + 3)
+        P, s = self._P, self._rows(i)
         column = P[:, s].copy()
-        column[:3 * i] = P[s, :3 * i].T
+        column[:s.start] = P[s, :s.start].T
         column[s] = self.block(i, i)
         return column
 
-    def relinearise(self, poses: Array, covariance: Array | None = None) -> None:
+    def relinearise(self, poses: Array) -> None:
         """
-        Put a re-solved mean (m, 3), and covariance (3 m, 3 m) if given, back in the filter.
+        Put a re-solved mean (m, 3) back in the filter.
 
         Views added since the re-solving, after the first m, follow rigidly.
         """
@@ -125,5 +192,4 @@ class DelayedStateEkf:
         self._x[:m] = poses
         if m < self.n:
             self._x[m:self.n] = compose(poses[-1], between(old[m - 1], old[m:]))
-        if covariance is not None and m == self.n:
-            self._P[:3 * m, :3 * m] = covariance
+        self._hang(np.flatnonzero(~self.kept))

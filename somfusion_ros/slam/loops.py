@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import apply, Array, between, compose, inverse, wrap
@@ -34,6 +35,10 @@ class Estimate(Protocol):
     @property
     def poses(self) -> Array:
         """View poses T_map_view (n, 3)."""
+
+    @property
+    def kept(self) -> NDArray[np.bool_]:
+        """Mask (n,) of the views whose covariance is known."""
 
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
         """Pose (3,) of view j seen from view i, and its covariance (3, 3)."""
@@ -80,6 +85,7 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
     seen = _seen(poses[:last], centres[:last])
     distance = np.hypot(*(seen - apply(poses[new], centres[new][None])).T)
     distance += 0.5 * np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
+    distance[~ekf.kept[:last]] = np.inf
     chosen: list[Candidate] = []
     for old in np.argsort(distance, kind='stable'):
         if len(chosen) == CANDIDATES or distance[old] > config.loop_search_distance + FARTHEST:
