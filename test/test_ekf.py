@@ -135,3 +135,6 @@ def test_marginalised_views_hang_between_their_anchors():
     np.testing.assert_allclose(anchored.block(199, 199), full.block(199, 199), rtol=1e-6)
     np.testing.assert_allclose(anchored.poses[anchored.kept], full.poses[anchored.kept], atol=1e-6)
     np.testing.assert_allclose(anchored.poses, full.poses, atol=0.02)
+    late = Relation(41, 130, between(anchored.poses[41], anchored.poses[130]), Q)
+    assert not anchored.kept[[41, 130]].any(), 'a loop found late, between marginalised views'
+    assert anchored.update(late) < 0.05 and (np.diag(anchored.relative(41, 130)[1]) > 0).all()

@@ -95,10 +95,13 @@ class DelayedStateEkf:
             share = ((k % self._anchors) / self._anchors)[:, None]
             self._x[k] = compose(a, share * between(a, b))
 
+    def _anchor(self, k: int) -> int:
+        """View k, or the anchor before it where view k is not in P."""
+        return k if self._slot[k] >= 0 else k - k % self._anchors
+
     def _anchored(self, relation: Relation) -> Relation:
         """Give a relation between views that are in P, the same but for what hangs rigidly."""
-        i, j = (k if self._slot[k] >= 0 else k - k % self._anchors
-                for k in (relation.first, relation.second))
+        i, j = self._anchor(relation.first), self._anchor(relation.second)
         if (i, j) == (relation.first, relation.second):
             return relation
         x = self._x
@@ -141,9 +144,10 @@ class DelayedStateEkf:
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
         """Pose (3,) of view j seen from view i, and its covariance (3, 3)."""
         A, B = between_jacobians(self._x[i], self._x[j])
-        C = A @ self.block(i, j) @ B.T
+        a, b = self._anchor(i), self._anchor(j)
+        C = A @ self.block(a, b) @ B.T
         return (between(self._x[i], self._x[j]),
-                A @ self.block(i, i) @ A.T + B @ self.block(j, j) @ B.T + C + C.T)
+                A @ self.block(a, a) @ A.T + B @ self.block(b, b) @ B.T + C + C.T)
 
     def innovation(self, relation: Relation) -> tuple[Array, Array]:
         """Give z - h(x) (3,) and its covariance S (3, 3)."""
