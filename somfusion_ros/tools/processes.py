@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node processes with a ROS graph of their own, each ended by its own id whatever happens."""
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 import ctypes
 import os
@@ -17,20 +18,31 @@ from types import TracebackType
 STOP_TIMEOUT = 6.0   # [s] for each of SIGINT and SIGTERM, before SIGKILL
 PR_SET_PDEATHSIG = 1   # of Linux: a signal for the child when its parent dies
 FIRST_PORT, PORTS_PER_DOMAIN, UNICAST = 7400, 250, 10   # of the DDSI-RTPS standard
+_HELD: deque[socket.socket] = deque(maxlen=8)   # of the domains that this process got last
 HIGHEST_DOMAIN = 100   # above it, ports fall into the range of outgoing connections
 
 
 def free_domain() -> int:
-    """Find a ROS domain (1..100) in which nothing on this machine listens right now."""
+    """
+    Find a ROS domain (1..100) in which nothing on this machine listens right now.
+
+    This process holds the domain's last port, which no node reaches, so that no other program
+    that asks takes the same domain before the first node is there; old ones are given back.
+    """
     domains = list(range(1, HIGHEST_DOMAIN + 1))
     random.Random(os.getpid()).shuffle(domains)   # so that two programs rarely try the same
     for domain in domains:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', FIRST_PORT + PORTS_PER_DOMAIN * domain + UNICAST))
-            except OSError:
-                continue
-            return domain
+        first = FIRST_PORT + PORTS_PER_DOMAIN * domain
+        held = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            held.bind(('', first + PORTS_PER_DOMAIN - 1))
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(('', first + UNICAST))
+        except OSError:
+            held.close()
+            continue
+        _HELD.append(held)
+        return domain
     raise OSError('every ROS domain of this machine is taken')
 
 
