@@ -3,8 +3,8 @@
 """
 What keeps the filter honest: how errors of neighbouring matches hang together.
 
-A match places the scan in what ten views saw. Most of its error is the scan's own and is gone
-with the next scan; only a part is handed on to the views after it, and adds up. A scale that the
+A match places the scan in what ten views saw. Some of its error is the scan's own and is gone
+with the next scan; a part is handed on to the views after it, and adds up. A scale that the
 odometry does not know adds up too, step by step with the same sign, wherever the surface does not
 tell how far the robot went.
 """
@@ -14,7 +14,9 @@ import numpy as np
 from somfusion_ros.geometry import Array, rotation
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise
 
-HANDED_ON = 0.16   # share of a match's variance that the views after it inherit
+# Share of a match's variance that the views after it inherit. Simulated drives alone would have
+# 0.16 to 0.3; walls of real corridors agree better, and their loops pass the gate, with more.
+HANDED_ON = 0.7
 
 
 def turned(theta: float) -> Array:

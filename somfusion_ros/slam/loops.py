@@ -20,6 +20,7 @@ from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud
 
 CANDIDATES = 2           # old passes that a new view is matched against
+SPAN = 20                # views back to which every view is tied, loop or not
 FARTHEST = 4.0           # [m] beyond the search distance, however uncertain the filter is
 CHI2 = 16.3              # 99.9 % of chi-square with 3 degrees of freedom
 SURE = (0.25, 0.06)      # [m] [rad] sigma up to which one partner is enough
@@ -77,7 +78,12 @@ def centre(cloud: Cloud) -> Array:
 
 def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
                ) -> list[Candidate]:
-    """Old views whose surface lies near that of view `new`; at most one per pass."""
+    """
+    Old views whose surface lies near that of view `new`; at most one per pass.
+
+    Every view is also tried against the one SPAN views before it: where their surfaces
+    overlap, the tie keeps a path that meets no old place from bending.
+    """
     last = new - config.loop_minimum_gap
     if last <= 0:
         return []
@@ -92,11 +98,20 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
             break
         if any(abs(old - c.old) < config.loop_minimum_gap for c in chosen):
             continue
-        expected, P = ekf.relative(old, new)
-        sigma = np.sqrt(np.maximum(np.diag(P), 0.0))
-        if distance[old] < config.loop_search_distance + 2.0 * np.hypot(*sigma[:2]):
-            chosen.append(Candidate(int(old), expected, sigma))
+        candidate = _candidate(int(old), new, ekf)
+        if distance[old] < config.loop_search_distance + 2.0 * np.hypot(*candidate.sigma[:2]):
+            chosen.append(candidate)
+    span = new - max(SPAN, config.loop_minimum_gap)
+    if span >= 0 and all(
+            abs(span - c.old) >= config.loop_minimum_gap // 2 for c in chosen):
+        chosen.append(_candidate(span, new, ekf))
     return chosen
+
+
+def _candidate(old: int, new: int, ekf: Estimate) -> Candidate:
+    """View `old`, with view `new` expected where the filter has it."""
+    expected, P = ekf.relative(old, new)
+    return Candidate(old, expected, np.sqrt(np.maximum(np.diag(P), 0.0)))
 
 
 def _seen(poses: Array, centres: Array) -> Array:

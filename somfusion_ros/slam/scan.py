@@ -91,7 +91,7 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     hits = placed[hit]
     points, joined = _thin(hits, _joined(hits, np.flatnonzero(hit), ranges[hit],
                                          abs(scan.angle_increment)))
-    points, normals, noise = _surface(points, joined, origin)
+    normals, noise = _surface(points, joined, origin)
     return Cloud(points, normals, hits, origin, _rim(placed, reach, origin), noise,
                  scan.time_increment * len(ranges))
 
@@ -136,16 +136,16 @@ def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
 
 
 def _surface(points: Array, joined: NDArray[np.bool_], origin: Array,
-             reach: int = 4) -> tuple[Array, Array, float]:
+             reach: int = 4) -> tuple[Array, float]:
     """
     Fit a line to each point (N, 2) and up to `reach` neighbours on each side.
 
-    Returns the points moved onto their lines, the lines' unit normals (N, 2), zero where the
-    surface is not flat, and the scatter [m] of the points about their lines.
+    Returns the lines' unit normals (N, 2), zero where the surface is not flat, and the scatter
+    [m] of the points about their lines.
     """
     n = len(points)
     if n < 3:
-        return points, np.zeros((n, 2)), 0.0
+        return np.zeros((n, 2)), 0.0
     count, first = np.ones(n), np.zeros((n, 2))
     second = np.zeros((n, 3))
     for direction in (1, -1):
@@ -168,8 +168,7 @@ def _surface(points: Array, joined: NDArray[np.bool_], origin: Array,
     normals[((origin - points) * normals).sum(1) < 0] *= -1
     normals = np.where(flat[:, None], normals, 0.0)
     across = np.maximum(0.5 * (xx + yy - spread), 0.0)[flat] * count[flat] / (count[flat] - 2.0)
-    on_line = points + normals * (normals * mean).sum(1)[:, None]
-    return on_line, normals, float(np.sqrt(np.median(across))) if flat.any() else 0.0
+    return normals, float(np.sqrt(np.median(across))) if flat.any() else 0.0
 
 
 def _rim(placed: Array, reach: Array, origin: Array) -> Array:
