@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.fusion import field, verification
-from somfusion_ros.fusion.features import Map
+from somfusion_ros.fusion.features import Map, Raster
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.verdict import (judge, judge_by_V, Margins, probability, rivals,
                                           slides)
@@ -179,18 +179,32 @@ def test_slides_run_along_the_weak_direction() -> None:
 
 
 @pytest.mark.parametrize('theta', [0.0, 0.8])
-def test_clearance_is_the_distance_to_the_wall(theta: float) -> None:
-    """In the middle of a square room it is half the width; outside it is negative."""
+def test_zones_tell_walls_their_surroundings_and_free_places(theta: float) -> None:
+    """Of a square room, and of what lies outside and is not known; near is up to 0.2 m."""
     walls = np.array([(0, 0, 4, 0), (4, 0, 4, 4), (4, 4, 0, 4), (0, 4, 0, 0)], dtype=float)
     T = Pose(5.0, -3.0, theta)
     grid = fake_grid(walls, 0.05, T)
-    raster = field.clearance(grid, grid.points(grid.occupied), 0.1)
-    spots = [compose(T, (x, y, 0.0))[:2] for x, y in ((2, 2), (0.5, 2), (-0.6, 2), (99, 99))]
-    found = raster.at(np.array(spots, np.float32).T)
-    assert found[:2] == pytest.approx((2.0, 0.5), abs=0.12)
-    assert found[2] < 0 and found[3] < 0
+    raster = field.zones(grid, np.argwhere(grid.occupied), 0.1)
+    x = (2.0, 3.6, 3.9, 4.03, 4.15, 4.6, 99.0)
+    found = raster.at(np.array([compose(T, (at, 2.0, 0.0))[:2] for at in x], np.float32).T)
+    assert (found & field.WALL > 0).tolist() == [False] * 3 + [True] + [False] * 3
+    assert (found & field.NEAR > 0).tolist() == [False] * 2 + [True] * 3 + [False] * 2
+    assert (found & field.FREE > 0).tolist() == [True] * 3 + [False] * 4
     free = field.free_places(raster, 100)
-    assert 50 <= len(free) <= 220 and (raster.at(free.T.astype(np.float32)) > 0).all()
+    assert 50 <= len(free) <= 220
+    assert (raster.at(free.T.astype(np.float32)) & field.FREE > 0).all()
+
+
+def test_rasters_too_wide_for_opencv_answer_alike() -> None:
+    """The same corner of a raster of 40 and of 40 000 columns, inside and outside; exact."""
+    rng = np.random.default_rng(5)
+    values = rng.integers(0, 9, (50, 40000)).astype(np.uint8)
+    points = rng.uniform(-2.0, 4.0, (2, 3, 100)).astype(np.float32)
+    at = Pose(-1.0, 0.5, 0.3)
+    wide, narrow = (Raster(values[:, :width], 0.1, at, 7) for width in (40000, 40))
+    inside = np.hypot(points[0] + 1.0, points[1] - 0.5) < 3.9
+    assert (wide.at(points) == narrow.at(points))[inside].all()
+    assert (wide.at(points + 1e5) == 7).all()
 
 
 def test_nearest_names_the_nearest_point() -> None:
@@ -198,7 +212,7 @@ def test_nearest_names_the_nearest_point() -> None:
     rng = np.random.default_rng(4)
     points, asked = rng.uniform(0, 10, (60, 2)), rng.uniform(0, 10, (200, 2))
     raster = field.nearest(points, 0.05, 1.0)
-    named = raster.at(asked.T.astype(np.float32))
+    named = raster.at(asked.T.astype(np.float32)).astype(int)
     distance = np.hypot(*(asked[:, None] - points[None]).transpose(2, 0, 1))
     assert (distance[np.arange(200), named] < distance.min(1) + 0.11).all()
     assert raster.at(np.array([[99.0], [99.0]], np.float32))[0] == -1

@@ -49,23 +49,18 @@ def bend(pose: Array, target: Map, source: Map) -> Warp:
                          target.nearest, angle, reach)
         off, norm = found.off[0], found.norms[:, 0]
         pull = found.agrees[0] * weights / (1.0 + (off / SCALE) ** 2)
-        u = _solve(basis, norm, pull, off + (norm * moved).sum(0), stiffness)
+        on = np.flatnonzero(pull)
+        u = _solve(basis[on], norm[:, on], pull[on], (off + (norm * moved).sum(0))[on], stiffness)
     return Warp(np.ascontiguousarray(u.T).reshape(rows, columns, 2), low, spacing)
 
 
 def _solve(basis: NDArray[np.float32], norm: Array, pull: Array, wanted: Array,
            stiffness: Array) -> NDArray[np.float32]:
     """Displacements (2, n) of the nodes that move points (M,) by `wanted` along their norms."""
-    n = basis.shape[1]
-    H, g = stiffness.copy(), np.empty(2 * n)
-    for i in (0, 1):
-        g[i * n:(i + 1) * n] = (pull * wanted * norm[i]) @ basis
-        for j in range(i, 2):
-            block = (basis * (pull * norm[i] * norm[j])[:, None]).T @ basis
-            H[i * n:(i + 1) * n, j * n:(j + 1) * n] += block
-            if i != j:
-                H[j * n:(j + 1) * n, i * n:(i + 1) * n] += block.T
-    return np.linalg.solve(H, g).reshape(2, n).astype(np.float32)
+    root = np.sqrt(pull)
+    rows = np.concatenate([basis.T * (root * across) for across in norm])
+    H = stiffness + rows @ rows.T
+    return np.linalg.solve(H, rows @ (root * wanted)).reshape(2, -1).astype(np.float32)
 
 
 @lru_cache(maxsize=256)

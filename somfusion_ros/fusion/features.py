@@ -9,6 +9,7 @@ Records that the stages fill and read; no stage of its own.
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +17,7 @@ from somfusion_ros.geometry import Array, inverse, Pose
 
 Index = NDArray[np.intp]
 SURE = 0.3      # sidedness from which the sign of a norm counts
+WIDEST = 32767  # OpenCV looks up fewer places in a row, in rasters with fewer cells in a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class Raster:
     """
     Values (H, W) on cells of `resolution` [m] with the corner at T_frame_raster.
 
-    The outermost cells are set to `outside`, which then answers for every point beyond.
+    Every point beyond has the value `outside`.
     """
 
     values: NDArray
@@ -67,27 +69,28 @@ class Raster:
     T_frame_raster: Pose
     outside: float
 
-    def __post_init__(self) -> None:
-        """Close the rim."""
-        self.values[[0, -1]] = self.outside
-        self.values[:, [0, -1]] = self.outside
-
     def at(self, points: NDArray[np.float32]) -> NDArray:
         """Values (...) at points (2, ...) [m] of the map frame."""
-        across, up, c, s = self._to_cells
+        c, s, across, up = self._to_cells
         x, y = points
-        height, width = self.values.shape
         column, row = (x * c, y * c) if s == 0.0 else (x * c - y * s, x * s + y * c)
-        # Truncation is enough: what it gets wrong below zero lies on the rim.
-        column = np.clip(column + across, 0, width - 1).astype(np.int32)
-        row = np.clip(row + up, 0, height - 1).astype(np.int32)
-        return self.values.ravel()[row * width + column]
+        column, row = column + across, row + up
+        if column.size and max(self.values.shape + column.shape) < WIDEST:
+            found = cv2.remap(self.values, column, row, cv2.INTER_NEAREST,
+                              borderMode=cv2.BORDER_CONSTANT, borderValue=self.outside)
+            return found.reshape(column.shape)
+        height, width = self.values.shape
+        column, row = np.rint(column).astype(np.intp), np.rint(row).astype(np.intp)
+        inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+        found = self.values.ravel()[np.where(inside, row * width + column, 0)]
+        return np.where(inside, found, self.values.dtype.type(self.outside))
 
     @cached_property
     def _to_cells(self) -> NDArray[np.float32]:
-        """Shift, cosine and sine that take map points to cells."""
+        """Cosine, sine and shift that take map points to cells, whose centres are whole."""
         x, y, theta = inverse(self.T_frame_raster)
-        return np.array([x, y, np.cos(theta), np.sin(theta)], np.float32) / self.resolution
+        scaled = np.array([np.cos(theta), np.sin(theta), x, y]) / self.resolution
+        return (scaled - [0.0, 0.0, 0.5, 0.5]).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +131,9 @@ class Map:
 
     cells (N, 2) occupied cells' centres [m] with segment (N,) and winner (N,) each; clusters;
     surfaces: norms (E, 2) of the clusters' edges with length (E,) [m] and sidedness (E,);
-    features: the clusters that have a norm; sketch: the few hundred best of them; clearance:
-    distance to the next wall [m], negative where a cell is not known to be free; nearest: index
-    of the nearest feature; likelihood: field of the walls, 0..255; probes (P, 2): an even sample
+    features: the clusters that have a norm; sketch: the few hundred best of them; zones: whether
+    a place is wall, near one, known to be free (field.zones); nearest: index of the nearest
+    feature, -1 for none; likelihood: field of the walls, 0..255; probes (P, 2): an even sample
     of the wall cells [m], each for `probe_length` of wall [m]; free (F, 2): an even sample of
     free places [m]; histogram (360,) of
     norms; spectrum: Radon sharpness of half a turn; resolution of the grid [m].
@@ -143,7 +146,7 @@ class Map:
     surfaces: tuple[Array, Array, Array]
     features: Clusters
     sketch: Clusters
-    clearance: Raster
+    zones: Raster
     nearest: Raster
     likelihood: Raster
     probes: Array
@@ -161,14 +164,12 @@ class Map:
 
 def place(poses: Array, points: Array) -> NDArray[np.float32]:
     """Take points (K, 2) of the source into the target by each of poses (B, 3): (2, B, K)."""
-    x, y = points.astype(np.float32).T
-    shift = poses.astype(np.float32)
-    theta = poses[:, 2, None]
-    c, s = np.cos(theta).astype(np.float32), np.sin(theta).astype(np.float32)
-    placed = np.empty((2, len(poses), len(points)), np.float32)
-    np.add(c * x - s * y, shift[:, 0, None], out=placed[0])
-    np.add(s * x + c * y, shift[:, 1, None], out=placed[1])
-    return placed
+    x, y, theta = np.asarray(poses, dtype=float).T
+    c, s = np.cos(theta), np.sin(theta)
+    # One matrix product: several times faster than sums and products one by one.
+    matrix = np.array([[c, -s, x], [s, c, y]], np.float32).transpose(0, 2, 1).reshape(-1, 3)
+    flat = np.concatenate([points.T, np.ones((1, len(points)))], dtype=np.float32)
+    return (matrix @ flat).reshape(2, len(c), len(points))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,25 +1,29 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rasters of a map: clearance from the walls, and the nearest feature, for any point at once."""
+"""Rasters of a map: its zones, likelihood field and nearest features, for any point at once."""
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from somfusion_ros.fusion.features import Raster
-from somfusion_ros.geometry import apply, Array, inverse, Pose
+from somfusion_ros.fusion.features import Index, Raster
+from somfusion_ros.geometry import apply, Array, Pose
 from somfusion_ros.grid import Grid
 
-FREE = 0.5     # mean evidence from which a block of cells counts as free
+FREE_FROM = 0.5     # mean evidence from which a block of cells counts as free
 BRIGHTEN = 2.5      # brings a straight wall of one cell back to full height after the blur
+TOLERANCE = 0.2     # a wall within this distance of another is the same [m]
+ROUNDING = 1e-6     # cells by which a distance may be off
+NEAR, FREE, WALL = np.uint8(1), np.uint8(2), np.uint8(4)     # flags of zones
 
 
-def clearance(grid: Grid, walls: Array, cell: float) -> Raster:
+def zones(grid: Grid, walls: Index, cell: float) -> Raster:
     """
-    Distance to the next wall [m], negative where a cell is not known to be free.
+    Raster of flags: NEAR a wall or a WALL itself, known to be FREE and no wall.
 
     Parameters
     ----------
-    walls : (N, 2) centres of the wall cells [m]
+    walls : (N, 2) wall cells (row, column) of the grid
     cell : wanted edge of the raster's cells [m]; a whole multiple of the grid's is taken
     """
     factor = max(1, round(cell / grid.resolution))
@@ -27,12 +31,13 @@ def clearance(grid: Grid, walls: Array, cell: float) -> Raster:
     block = grid.evidence[:height * factor, :width * factor]
     if min(block.shape) < factor:
         block = grid.evidence
-    free = cv2.resize(block, (width, height), interpolation=cv2.INTER_AREA) > FREE
+    mean = cv2.resize(block, (width, height), interpolation=cv2.INTER_AREA)
+    flags = (mean > FREE_FROM).view(np.uint8) * FREE
+    row, column = np.minimum(walls // factor, (height - 1, width - 1)).T
+    flags[row, column] = WALL
     size = grid.resolution * factor
-    mark = _mark(walls, grid, size, (height, width))
-    distance = cv2.distanceTransform(mark, cv2.DIST_L2, 5) * np.float32(size)
-    signed = np.where(free | (mark == 0), distance, -distance)
-    return Raster(signed, size, grid.T_frame_grid, -99.0)
+    near = cv2.dilate(flags & WALL, _disc(TOLERANCE / size)) // WALL * NEAR
+    return Raster(flags | near, size, grid.T_frame_grid, 0)
 
 
 def likelihood(points: Array, cell: float) -> Raster:
@@ -46,14 +51,14 @@ def likelihood(points: Array, cell: float) -> Raster:
     x, y = ((points - low) / cell).astype(np.intp).T
     image = np.zeros((height, width), np.uint8)
     image[y, x] = 255
-    blurred = cv2.GaussianBlur(image, (5, 5), 1.0)
-    return Raster(cv2.convertScaleAbs(blurred, alpha=BRIGHTEN), cell,
-                  Pose(float(low[0]), float(low[1]), 0.0), 0)
+    cv2.GaussianBlur(image, (5, 5), 1.0, dst=image)
+    cv2.convertScaleAbs(image, dst=image, alpha=BRIGHTEN)
+    return Raster(image, cell, Pose(float(low[0]), float(low[1]), 0.0), 0)
 
 
 def free_places(raster: Raster, count: int) -> Array:
-    """Return about `count` places (F, 2) [m], evenly taken from the free cells of a raster."""
-    cells = np.flatnonzero(raster.values > 0)
+    """Return about `count` places (F, 2) [m], evenly taken from the free cells of zones."""
+    cells = np.flatnonzero((raster.values & FREE) == FREE)
     cells = cells[::max(1, len(cells) // count)]
     y, x = np.divmod(cells, raster.values.shape[1])
     return apply(raster.T_frame_raster, (np.column_stack([x, y]) + 0.5) * raster.resolution)
@@ -68,14 +73,12 @@ def nearest(points: Array, cell: float, margin: float) -> Raster:
     mark[y, x] = 0
     _, label = cv2.distanceTransformWithLabels(mark, cv2.DIST_L2, 5,
                                                labelType=cv2.DIST_LABEL_PIXEL)
-    owner = np.zeros(label.max() + 1, np.int32)
+    owner = np.zeros(label.max() + 1, np.float32)     # floats, which OpenCV can look up
     owner[label[y, x]] = np.arange(len(points))
     return Raster(owner[label], cell, Pose(low[0], low[1]), -1)
 
 
-def _mark(walls: Array, grid: Grid, size: float, shape: tuple[int, int]) -> Array:
-    """Zero where a wall lies, one elsewhere, on blocks of edge `size` [m]."""
-    mark = np.ones(shape, np.uint8)
-    x, y = (apply(inverse(grid.T_frame_grid), walls) / size).astype(np.intp).T
-    mark[np.minimum(y, shape[0] - 1), np.minimum(x, shape[1] - 1)] = 0
-    return mark
+def _disc(radius: float) -> NDArray[np.uint8]:
+    """Disc of a radius [cells], as a mask."""
+    reach = np.arange(-int(radius + ROUNDING), int(radius + ROUNDING) + 1)
+    return (np.hypot(reach[:, None], reach) <= radius + ROUNDING).astype(np.uint8)

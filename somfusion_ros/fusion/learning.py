@@ -17,7 +17,7 @@ DUST = 4             # a segment of fewer cells is noise
 NORMED = 0.3         # agreement of the surfaces around a cluster from which it has a norm
 SKETCH = 160         # features that stand for a map where every hypothesis is looked at
 RADON = 300          # features that the Radon image is made of
-CELL = 0.1           # edge of the clearance raster's cells [m]
+CELL = 0.1           # edge of the zones' cells [m]
 FINE = 0.05          # edge of the likelihood field's cells, more where the grid's are larger [m]
 PROBES = 1000        # wall cells that stand for all
 FREE = 2000          # free places that stand for all free cells
@@ -57,13 +57,13 @@ def _learn(grid: Grid, config: FusionConfig) -> Map:
     order = np.argsort(-features.weights * features.straight, kind='stable')
     sketch = features.take(order[::max(1, len(order) // SKETCH)])
     walls = features.take(order[:RADON])
-    clearance = field.clearance(grid, points, CELL)
+    zones = field.zones(grid, cells, CELL)
     image = orientation.radon(walls.centres, walls.weights, orientation.directions(), CELL)
     every = -(-len(points) // PROBES)
-    return Map(points, segments, winner, clusters, surfaces, features, sketch, clearance,
+    return Map(points, segments, winner, clusters, surfaces, features, sketch, zones,
                field.nearest(features.centres, 2.0 * CELL, 1.0),
                field.likelihood(points, max(grid.resolution, FINE)), points[::every],
-               every * grid.resolution, field.free_places(clearance, FREE),
+               every * grid.resolution, field.free_places(zones, FREE),
                orientation.histogram(*surfaces), orientation.spectrum(image), grid.resolution)
 
 
@@ -91,7 +91,7 @@ def _empty(grid: Grid, points: Array | None = None, segments: Index | None = Non
     """Return a map without features."""
     none, number, index = np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)
     nothing = Clusters(none, number, index, np.empty((0, 2), np.intp), none, number, number)
-    raster = Raster(np.full((1, 1), -99.0, np.float32), 1.0, Pose(), -99.0)
+    raster = Raster(np.zeros((1, 1), np.uint8), 1.0, Pose(), 0)
     return Map(none if points is None else points, index if segments is None else segments,
                index if winner is None else winner, clusters or nothing, (none, number, number),
                nothing, nothing, raster, raster, raster, none, 0.0, none,

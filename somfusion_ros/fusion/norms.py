@@ -11,6 +11,7 @@ wall that is free decides the sign, where only one side is.
 import numpy as np
 from numpy.typing import NDArray
 
+from somfusion_ros.fusion.features import Raster
 from somfusion_ros.geometry import Array
 from somfusion_ros.grid import Grid
 
@@ -56,18 +57,10 @@ def free_side(grid: Grid, points: Array, norms: Array) -> tuple[Array, Array]:
     -------
     (N, 2) norms and (N,) 0..1, how much freer that side is than the other
     """
-    steps = grid.resolution * np.array(PROBES + tuple(-probe for probe in PROBES))
-    probed = points + steps[:, None, None] * norms
-    evidence = _evidence(grid, probed.reshape(-1, 2)).reshape(2, len(PROBES), len(points))
+    steps = grid.resolution * np.array(PROBES + tuple(-probe for probe in PROBES), np.float32)
+    probed = points.T[:, None] + steps[:, None] * norms.T[:, None]
+    raster = Raster(grid.evidence, grid.resolution, grid.T_frame_grid, 0.0)
+    evidence = raster.at(probed.astype(np.float32)).reshape(2, len(PROBES), len(points))
     ahead, behind = np.maximum(evidence, WALL_COUNTS).mean(1)
     sign = np.where(ahead < behind, -1.0, 1.0)
     return norms * sign[:, None], np.clip(np.abs(ahead - behind), 0.0, 1.0)
-
-
-def _evidence(grid: Grid, points: Array) -> Array:
-    """Evidence (N,) at points (N, 2) [m], 0 outside the grid."""
-    row, column = grid.point_to_cell(points).T
-    height, width = grid.shape
-    inside = (row >= 0) & (column >= 0) & (row < height) & (column < width)
-    flat = np.where(inside, row * width + column, 0)
-    return np.where(inside, grid.evidence.ravel()[flat], 0.0)

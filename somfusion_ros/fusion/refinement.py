@@ -11,7 +11,7 @@ map is preferred; a robust weight keeps what has moved or bent from pulling.
 import numpy as np
 
 from somfusion_ros.fusion.features import Map, match, place, Warp
-from somfusion_ros.geometry import apply, Array, inverse
+from somfusion_ros.geometry import Array, inverse, rotation
 
 REACHES = (0.3, 0.2, 0.15, 0.15)     # furthest match in each step [m]
 ROUGH = 2         # first steps, for which a map's sketch is enough
@@ -64,22 +64,18 @@ def _residuals(pose: Array, target: Map, source: Map, reach: float,
                few: bool = False) -> tuple[Array, Array, Array]:
     """Jacobian (M, 3) in (x, y, theta) of the pose, wanted moves (M,) and weights (M,)."""
     rows = []
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    R = np.array([[c, -s], [s, c]])
+    R = rotation(pose[2])
     for seen, by, forth in ((source, target, True), (target, source, False)):
         way = pose if forth else inverse(pose)
         clusters = seen.sketch if few else seen.features
         found = match(way[None], clusters, by.features, by.nearest, ANGLE, 0.5)
-        other, agrees = found.other[0], found.agrees[0]
-        near, line = by.features.centres[other], by.features.norms[other]
-        off = ((near - apply(way, clusters.centres)) * line).sum(1)
+        off, line = found.off[0].astype(float), found.norms[:, 0].astype(float)
         # The line of the other map, brought to the target's frame, and the point that turns.
-        norm = line if forth else -line @ R.T
-        turning = clusters.centres if forth else near
-        arm = turning @ R.T
-        J = np.column_stack([norm, arm[:, 0] * norm[:, 1] - arm[:, 1] * norm[:, 0]])
-        weight = agrees * (np.abs(off) < reach) * np.minimum(
+        norm = line if forth else -R @ line
+        arm = R @ (clusters.centres.T if forth else found.at[:, 0])
+        J = np.column_stack([norm[0], norm[1], arm[0] * norm[1] - arm[1] * norm[0]])
+        weight = found.agrees[0] * (np.abs(off) < reach) * np.minimum(
             clusters.weights * clusters.straight,
-            (by.features.weights * by.features.straight)[other])
+            (by.features.weights * by.features.straight)[found.other[0]])
         rows.append((J, off, weight))
     return tuple(np.concatenate(part) for part in zip(*rows))

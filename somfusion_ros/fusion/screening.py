@@ -18,7 +18,7 @@ from somfusion_ros.fusion import field, orientation
 from somfusion_ros.fusion.alignment import Clock, FEWEST, search
 from somfusion_ros.fusion.features import Clusters, Map, place, Raster
 from somfusion_ros.fusion.learning import CELL, NORMED, RADON, SKETCH
-from somfusion_ros.fusion.verification import TOLERANCE
+from somfusion_ros.fusion.verification import tally
 from somfusion_ros.geometry import Pose
 
 BUDGET = 640          # clusters that a robot tells of its map: 19 kB
@@ -54,9 +54,7 @@ def screen(own: Map, clusters: Clusters, config: FusionConfig | None = None) -> 
     if min(len(own.features), np.count_nonzero(clusters.straight > NORMED)) < FEWEST:
         return Screening()
     poses, _ = search(own, _map_of(clusters, own.resolution), config or FusionConfig(), Clock())
-    away = own.clearance.at(place(poses, clusters.centres))
-    matched = (np.abs(away) <= TOLERANCE) @ clusters.weights
-    against = (away > TOLERANCE) @ clusters.weights
+    matched, against = tally(own.zones.at(place(poses, clusters.centres)), clusters)
     ratio = matched / (matched + against + 1.0)
     score = ratio * np.sqrt(matched)
     order = np.argsort(-score)
@@ -73,9 +71,8 @@ def _map_of(clusters: Clusters, resolution: float) -> Map:
     walls = features.take(order[:RADON])
     surfaces = features.norms, features.weights, features.sided
     image = orientation.radon(walls.centres, walls.weights, orientation.directions(), CELL)
-    unknown = Raster(np.full((3, 3), -99.0, np.float32), 1.0, Pose(), -99.0)
-    dark = Raster(np.zeros((3, 3), np.uint8), 1.0, Pose(), 0)
+    dark = Raster(np.zeros((1, 1), np.uint8), 1.0, Pose(), 0)
     return Map(clusters.centres, clusters.segments, np.arange(len(clusters)), clusters, surfaces,
-               features, sketch, unknown, field.nearest(features.centres, 2.0 * CELL, 1.0), dark,
+               features, sketch, dark, field.nearest(features.centres, 2.0 * CELL, 1.0), dark,
                np.empty((0, 2)), 0.0, np.empty((0, 2)),
                orientation.histogram(*surfaces), orientation.spectrum(image), resolution)

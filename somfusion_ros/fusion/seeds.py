@@ -29,16 +29,16 @@ class VoteGrid:
 
     def __init__(self, target: Clusters, source: Clusters, bin_size: float, max_bins: int) -> None:
         """Draw the target; `bin_size` [m] grows where more than `max_bins` would be needed."""
-        self.centre_target, reach_t = _circle(target.centres)
-        self.centre_source, reach_s = _circle(source.centres)
+        self.centre_target, side, _ = _extent(target.centres)
+        self.centre_source, _, reach = _extent(source.centres)
         self.source = source
-        extent = 2.0 * (reach_t + reach_s)
+        extent = side + 2.0 * reach     # of all places of the source that touch the target
         self.bin = max(bin_size, extent / max_bins)
         self.size = fft.next_fast_len(int(np.ceil(extent / self.bin)) + 2)
         self.target = self._draw(target, target.centres - self.centre_target, target.norms)
         wave = fft.fftfreq(self.size)
         blur = np.exp(-2.0 * (np.pi * SMOOTH * wave) ** 2).astype(np.float32)
-        self.target *= blur[:, None] * blur
+        self.target *= (blur[:, None] * blur / self.size ** 2).astype(np.float32)
 
     def seeds(self, theta: float, count: int) -> Array:
         """
@@ -56,18 +56,18 @@ class VoteGrid:
                               self.source.norms @ R.T)
         found = []
         for quarter in range(QUARTERS):
+            if quarter:
+                spectrum = _quarter_turn(spectrum)
             sign = -1.0 if quarter % 2 else 1.0     # doubled angles: 90 degrees is half a turn
-            votes = fft.ifft2(self.target * np.conj(spectrum)).real * sign
+            votes = sign * _transform(self.target * np.conj(spectrum), cv2.DFT_INVERSE).real
             angle = theta + quarter * np.pi / 2.0
             shift = self._peaks(votes, count) * self.bin
             at = shift + self.centre_target - rotation(angle) @ self.centre_source
             found.append(np.column_stack([at, np.full(len(at), angle)]))
-            spectrum = _quarter_turn(spectrum)
         return np.stack(found)
 
     def _peaks(self, votes: Array, count: int) -> NDArray[np.intp]:
         """Highest local maxima (count, 2) as signed shifts (x, y) [bins]."""
-        votes = votes.astype(np.float32)
         peak = np.flatnonzero(votes >= cv2.dilate(votes, np.ones((3, 3), np.uint8)))
         height = votes.ravel()[peak]
         if len(peak) > count:
@@ -88,13 +88,17 @@ class VoteGrid:
                 row, column = (low[:, 1] + dy) % self.size, (low[:, 0] + dx) % self.size
                 flat.append(row * self.size + column)
                 drawn.append(value * px * py)
-        index, pull, area = np.concatenate(flat), np.concatenate(drawn), self.size ** 2
-        image = np.empty(area, np.complex64)
-        image.real = np.bincount(index, pull.real, area)
-        image.imag = np.bincount(index, pull.imag, area)
-        spectrum = fft.fft2(image.reshape(self.size, self.size))
+        image = np.zeros(self.size ** 2, np.complex64)
+        np.add.at(image, np.concatenate(flat), np.concatenate(drawn).astype(np.complex64))
+        spectrum = _transform(image.reshape(self.size, self.size))
         power = spectrum.real ** 2 + spectrum.imag ** 2
-        return spectrum * (power + 1e-4 * power.mean()) ** np.float32(-WHITE / 2.0)
+        return spectrum * cv2.pow(power + np.float32(1e-4) * power.mean(), -WHITE / 2.0)
+
+
+def _transform(image: NDArray[np.complex64], flags: int = 0) -> NDArray[np.complex64]:
+    """Discrete Fourier transform (N, N), or N * N times its inverse."""
+    pairs = image.view(np.float32).reshape(*image.shape, 2)
+    return cv2.dft(pairs, flags=flags).view(np.complex64)[:, :, 0]
 
 
 def _quarter_turn(spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
@@ -104,7 +108,7 @@ def _quarter_turn(spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
     return np.ascontiguousarray(flipped.T)
 
 
-def _circle(points: Array) -> tuple[Array, float]:
-    """Centre (2,) of the bounding box and the reach [m] of the points around it."""
-    centre = (points.min(0) + points.max(0)) / 2.0
-    return centre, float(np.hypot(*(points - centre).T).max())
+def _extent(points: Array) -> tuple[Array, float, float]:
+    """Centre (2,) and longer side of the points' bounding box, and their reach around it [m]."""
+    centre, sides = (points.min(0) + points.max(0)) / 2.0, np.ptp(points, axis=0)
+    return centre, float(sides.max()), float(np.hypot(*(points - centre).T).max())

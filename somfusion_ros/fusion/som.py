@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
 
 Index = NDArray[np.intp]
+FAR = 1e9           # where the neurons are that are none [m]
+ROW_BITS = np.int32(15)
 PHASE = 0.137       # keeps walls at round distances from the edges of the squares [m]
 
 
@@ -44,7 +46,7 @@ def train(points: Array, times: Array, segments: Index, spacing: float,
     """
     home, of, near = _neighbourhoods(points, segments, spacing)
     centres = _means(points, times, home)
-    near = near[home]
+    near = np.take(near.T, home, axis=1)
     for step in range(passes):
         winner, runner = _two_nearest(points, centres, near)
         share = 0.5 * (1.0 - (step + 1) / passes)
@@ -81,16 +83,20 @@ def _means(points: Array, times: Array, winner: Index) -> Array:
 
 
 def _two_nearest(points: Array, centres: Array, near: Index) -> tuple[Index, Index]:
-    """Winner (N,) and runner-up (N,) of each cell among the neurons (N, k) near it."""
-    table = np.vstack([centres, [np.inf, np.inf]]).astype(np.float32)
-    cells = points.astype(np.float32)
-    distance = (table[:, 0][near] - cells[:, :1]) ** 2 + (table[:, 1][near] - cells[:, 1:]) ** 2
+    """Winner (N,) and runner-up (N,) of each cell among the neurons (k, N) near it."""
+    table = np.vstack([centres, [FAR, FAR]]).astype(np.float32)
+    x, y = points.T.astype(np.float32)
+    across, up = np.take(table.T, near, axis=1)
+    distance = (across - x) ** 2 + (up - y) ** 2
+    # Floats above zero are in the order of their bits: the lowest hold the row, so that a
+    # minimum says where it was found.
+    tagged = distance.view(np.int32) & ~ROW_BITS | np.arange(len(near), dtype=np.int32)[:, None]
+    first = tagged.min(0)
+    tagged[first & ROW_BITS, np.arange(len(points))] = np.iinfo(np.int32).max
+    second = tagged.min(0)
     every = np.arange(len(points))
-    first = distance.argmin(1)
-    distance[every, first] = np.inf
-    second = distance.argmin(1)
-    alone = ~np.isfinite(distance[every, second])
-    return near[every, first], near[every, np.where(alone, first, second)]
+    winner, runner = near[first & ROW_BITS, every], near[second & ROW_BITS, every]
+    return winner, np.where(runner == len(centres), winner, runner)
 
 
 def _pull(points: Array, times: Array, winner: Index, runner: Index, share: float,

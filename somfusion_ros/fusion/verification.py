@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from somfusion_ros.fusion.features import Clusters, Map, match_at, place, Warp
+from somfusion_ros.fusion.field import FREE, NEAR, TOLERANCE, WALL
 from somfusion_ros.geometry import Array, inverse, rotation, wrap
 
-TOLERANCE = 0.2        # a wall within this distance of another is the same [m]
 ANGLE = np.radians(25.0)
 PLACE = 0.8            # evidence that one place can give at most [m]
 
@@ -75,25 +75,23 @@ class Evidence:
         return self.fine_ratio ** 2 * np.sqrt(self.fine)
 
 
-def scores(poses: Array, target: Map, source: Map, tolerance: float = TOLERANCE,
-           every: int = 1) -> Array:
+def scores(poses: Array, target: Map, source: Map, every: int = 1) -> Array:
     """Score (B,) of hypotheses (B, 3) as `Evidence.score`, from every n-th cluster of both."""
     total = np.zeros((2, len(poses)))
     for way, seen, by in ((poses, source, target), (inverse(poses), target, source)):
         clusters = seen.clusters.take(np.s_[::every])
-        away = by.clearance.at(place(way, clusters.centres))
-        total += _tally(away, clusters, tolerance)
+        total += tally(by.zones.at(place(way, clusters.centres)), clusters)
     matched, against = total * every / 2.0
     return matched / (matched + against + 1.0) * np.sqrt(matched)
 
 
-def _tally(away: Array, clusters: Clusters, tolerance: float) -> Array:
-    """Length (2, B) [m] of wall that lies on a wall, and that lies on free space."""
-    return np.stack([(np.abs(away) <= tolerance) @ clusters.weights,
-                     (away > tolerance) @ clusters.weights])
+def tally(zones: NDArray[np.uint8], clusters: Clusters) -> Array:
+    """Length (2, B) [m] of wall in zones (B, K) near a wall, and in free ones away from walls."""
+    weights = clusters.weights.astype(np.float32)
+    return np.stack([((zones & NEAR) == NEAR) @ weights, (zones == FREE) @ weights])
 
 
-def fine(poses: Array, target: Map, source: Map, warp: Warp | None = None) -> Array:
+def fine(poses: Array, target: Map, source: Map) -> Array:
     """
     Wall cells of both maps on the other's likelihood field, for hypotheses (B, 3).
 
@@ -102,14 +100,18 @@ def fine(poses: Array, target: Map, source: Map, warp: Warp | None = None) -> Ar
     (2, B) wall that coincides within a cell or two, and wall on what the other saw as free, mean
     of both maps [m]
     """
-    lay = Overlay(np.asarray(poses, dtype=float), warp)
-    total = np.zeros((2, len(lay.poses)))
-    for seen, by, way in ((source, target, lay.forth), (target, source, lay.back)):
-        at = way(seen.probes)
-        on = by.likelihood.at(at) * np.float32(1.0 / 255.0)
-        against = (1.0 - on) * (by.clearance.at(at) > 0.0)
-        total += np.stack([on.sum(1), against.sum(1)]) * (seen.probe_length / 2.0)
-    return total
+    total = np.zeros((2, len(poses)))
+    for way, seen, by in ((poses, source, target), (inverse(poses), target, source)):
+        at = place(way, seen.probes)
+        total += _tally_cells(by.likelihood.at(at), by.zones.at(at), seen)
+    return total / 2.0
+
+
+def _tally_cells(likelihood: NDArray[np.uint8], zones: NDArray[np.uint8], seen: Map) -> Array:
+    """Length (2, B) [m] of wall cells (B, P) on a wall, and on what is known to be free."""
+    against = np.where(zones & FREE, 255 - likelihood, 0)
+    sums = [part.sum(1, dtype=np.int64) for part in (likelihood, against)]
+    return np.stack(sums) * (seen.probe_length / 255.0)
 
 
 def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
@@ -125,14 +127,14 @@ def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
     return poses[kept[:count]]
 
 
-def measure(poses: Array, target: Map, source: Map, warp: Warp | None = None,
-            tolerance: float = TOLERANCE) -> list[Evidence]:
+def measure(poses: Array, target: Map, source: Map,
+            warp: Warp | None = None) -> list[Evidence]:
     """Take all measures of hypotheses (B, 3), of the source as it is or bent by a warp."""
     lay = Overlay(np.asarray(poses, dtype=float), warp)
-    ways = [_Way(source, target, lay.forth, lay.poses[:, 2], tolerance),
-            _Way(target, source, lay.back, -lay.poses[:, 2], tolerance)]
+    ways = [_Way(source, target, lay.forth, lay.poses[:, 2]),
+            _Way(target, source, lay.back, -lay.poses[:, 2])]
     matched, against = sum(way.lengths() for way in ways) / 2.0
-    near, far = fine(lay.poses, target, source, warp)
+    near, far = sum(way.cells() for way in ways) / 2.0
     R = rotation(lay.poses[:, 2])
     info = ways[0].information(), ways[1].information()
     axis = np.linalg.eigh(R @ info[0] @ np.swapaxes(R, 1, 2) + info[1])[1][:, :, 0]
@@ -167,20 +169,27 @@ class _Way:
     """One map laid on the other by B poses: what of it is seen where it should be."""
 
     def __init__(self, seen: Map, by: Map, lay: Callable[[Array], NDArray[np.float32]],
-                 turns: Array, tolerance: float) -> None:
-        """Look up where the features fall."""
-        self.seen, self.by, self.lay, self.tolerance = seen, by, lay, tolerance
-        clusters = seen.features
-        self.weight = clusters.weights * clusters.straight
-        at = lay(clusters.centres)
-        found = match_at(at, turns, clusters, by.features, by.nearest, ANGLE, 0.8)
-        self.on = found.agrees & (np.abs(found.off) <= tolerance)
-        self.off = by.clearance.at(at) > tolerance
+                 turns: Array) -> None:
+        """Look up where everything falls, all at once."""
+        self.seen = seen
+        parts = seen.features.centres, seen.clusters.centres, seen.probes, seen.free
+        ends = np.cumsum([len(part) for part in parts])
+        at = lay(np.concatenate(parts))
+        off, self.clusters, self.probes, self.free = np.split(by.zones.at(at), ends[:-1], axis=1)
+        self.likelihood = by.likelihood.at(at[:, :, ends[1]:ends[2]])
+        self.weight = seen.features.weights * seen.features.straight
+        found = match_at(at[:, :, :ends[0]], turns, seen.features, by.features, by.nearest, ANGLE,
+                         0.8)
+        self.on = found.agrees & (np.abs(found.off) <= TOLERANCE)
+        self.off = off == FREE
 
     def lengths(self) -> Array:
-        """Length (2, B) [m] of wall on a wall, and on free space."""
-        away = self.by.clearance.at(self.lay(self.seen.clusters.centres))
-        return _tally(away, self.seen.clusters, self.tolerance)
+        """Length (2, B) [m] of wall of the clusters on a wall, and on free space."""
+        return tally(self.clusters, self.seen.clusters)
+
+    def cells(self) -> Array:
+        """Length (2, B) [m] of wall of the cells on a wall, and on free space."""
+        return _tally_cells(self.likelihood, self.probes, self.seen)
 
     def information(self) -> Array:
         """Sum (B, 2, 2) of w n n' over the matched features, in the frame of this map [m]."""
@@ -207,8 +216,6 @@ class _Way:
 
     def free_agreement(self) -> tuple[Array, Array]:
         """Share (B,) of free places that the other map knows; agreeing and not, (2, B)."""
-        away = self.by.clearance.at(self.lay(self.seen.free))
-        wall = np.abs(away) < 0.6 * self.by.clearance.resolution
-        free = (away > 0) & ~wall
-        return ((wall | free).sum(1) / max(away.shape[1], 1),
-                np.stack([free.sum(1), wall.sum(1)]).astype(float))
+        wall = np.count_nonzero(self.free & WALL, axis=1)
+        free = np.count_nonzero(self.free & FREE, axis=1)
+        return (wall + free) / max(self.free.shape[1], 1), np.stack([free, wall]).astype(float)
