@@ -52,6 +52,15 @@ def test_leaving_the_block_ends_all_even_after_an_error(processes: Processes) ->
     assert not [pid for pid in pids if alive(pid)]
 
 
+def test_a_name_started_again_is_ended_again(processes: Processes) -> None:
+    with processes:
+        for _ in range(2):
+            pid = processes.start('sleeper', 'sleeper')
+            assert 'sleeper' not in processes.ended()
+            assert processes.stop().keys() == {'sleeper'}
+            assert not alive(pid)
+
+
 def test_a_process_that_ignores_signals_is_killed(processes: Processes,
                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('somfusion_ros.tools.processes.STOP_TIMEOUT', 0.3)

@@ -293,9 +293,9 @@ def test_a_sighting_joins_robots_whose_maps_do_not_overlap(graph: Graph) -> None
     assert (transform.header.frame_id, transform.child_frame_id) == ('robot1/map', 'robot3/map')
     transform.header.frame_id = 'map'
     assert_true(transform, 'robot1', 'robot3')
-    graph.until(lambda: result['map'], 'global map')
+    graph.until(lambda: result['map'] and share_of_walls(
+        result['map'][-1], 'robot3', right, 'robot1') > 0.9, "global map with the peer's walls")
     assert result['map'][-1].header.frame_id == 'robot1/world'
-    assert share_of_walls(result['map'][-1], 'robot3', right, 'robot1') > 0.9
     assert keep
     graph.assert_clean(graph.processes.stop())
 

@@ -83,6 +83,7 @@ class Processes:
                 [sys.executable, '-m', module, *arguments], env=self._environment, stdout=log,
                 stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, preexec_fn=_end_with_parent)
         self._running[name] = process
+        self.statuses.pop(name, None)   # of an earlier process of this name
         return process.pid
 
     def log_path(self, name: str) -> Path:
