@@ -4,7 +4,8 @@
 Mapping: evidence per cell from the scans, at the poses that the filter holds now.
 
 A cell goes down by a step when a beam ends in it and up by a step when a beam passes, clipped
-to [-1, 1] (section II-B).
+to [-1, 1] (section II-B). A beam that passes within a cell of a surface which the same scan saw
+says nothing there: along a corridor it would wipe out the wall that it grazes.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
 from somfusion_ros.grid import Grid, MAX_CELLS
 from somfusion_ros.slam.scan import Cloud
 
-HIT, PASSED = 0.4, 0.2   # steps of evidence
+HIT, PASSED = 0.4, 0.15   # steps of evidence
+BESIDE = 3               # cells across a surface of which passing beams say nothing
 SUB = 4                  # binary digits of a cell in the polygon fill
 MARGIN = 64              # cells added when the map grows
 
@@ -54,8 +56,8 @@ class Mapper:
             self._grow(np.array([_bounds(apply(p, s.cloud.rim))
                                  for s, p in zip(scans[done:], poses[done:], strict=True)]))
             for scan, pose in zip(scans[done:], poses[done:], strict=True):
-                self._draw(apply(pose, scan.cloud.rim), apply(pose, scan.cloud.hits),
-                           apply(pose, scan.cloud.origin[None])[0])
+                self._draw(*(apply(pose, part) for part in (
+                    scan.cloud.rim, scan.cloud.hits, scan.cloud.walls)))
             self._rendered = poses
         return self.grid()
 
@@ -91,23 +93,25 @@ class Mapper:
             cells[row:row + h, column:column + w] = self._cells
         self._cells, self._corner = cells, low
 
-    def _draw(self, rim: Array, points: Array, origin: Array) -> None:
-        """Add one scan's evidence; rim (M, 2), points (N, 2) and origin (2,) in the map [m]."""
+    def _draw(self, rim: Array, hits: Array, walls: Array) -> None:
+        """Add one scan's evidence; rim (M, 2), hits (N, 2), walls (2 L, 2) in the map [m]."""
         corner = self._corner * self.resolution
-        arm = rim - origin
-        length = np.maximum(np.hypot(arm[:, 0], arm[:, 1]), 1e-9)
-        short = origin + arm * np.maximum(1.0 - self.resolution / length, 0.0)[:, None]
         x0, y0 = np.floor((rim.min(0) - corner) / self.resolution).astype(int)
         x1, y1 = np.ceil((rim.max(0) - corner) / self.resolution).astype(int) + 1
         window = self._cells[y0:y1, x0:x1]
+
+        def vertices(points: Array) -> NDArray[np.int32]:
+            cells = (points - corner) / self.resolution - 0.5 - (x0, y0)
+            return np.rint(cells * (1 << SUB)).astype(np.int32)
+
         passed = np.zeros(window.shape, np.uint8)
-        vertices = ((short - corner) / self.resolution - 0.5 - (x0, y0)) * (1 << SUB)
-        cv2.fillPoly(passed, [np.rint(vertices).astype(np.int32)], 1, shift=SUB)
-        hits = _cells_of(points, corner, self.resolution) - (y0, x0)
-        passed[hits[:, 0], hits[:, 1]] = 0
+        cv2.fillPoly(passed, [vertices(rim)], 1, shift=SUB)
+        cv2.polylines(passed, vertices(walls).reshape(-1, 2, 2), False, 0, BESIDE, shift=SUB)
+        ends = _cells_of(hits, corner, self.resolution) - (y0, x0)
+        passed[ends[:, 0], ends[:, 1]] = 0
         window += PASSED * passed
         np.minimum(window, 1.0, out=window)
-        flat = np.unique(hits[:, 0] * window.shape[1] + hits[:, 1])
+        flat = np.unique(ends[:, 0] * window.shape[1] + ends[:, 1])
         rows, columns = np.divmod(flat, window.shape[1])
         window[rows, columns] = np.maximum(window[rows, columns] - HIT, -1.0)
 

@@ -26,8 +26,8 @@ from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracking import Tracker
 
-VERSION = 1
-PARTS = ('points', 'normals', 'hits', 'rim')   # of a cloud, each (k, 2)
+VERSION = 2
+PARTS = ('points', 'normals', 'hits', 'walls', 'rim')   # of a cloud, each (k, 2)
 TRACKER = 'tracker_'
 DAMAGED = (BadZipFile, zlib.error, EOFError, KeyError, ValueError, IndexError, TypeError)
 
@@ -124,5 +124,6 @@ def _unpacked(a: dict[str, Any]) -> list[Cloud]:
         if len(a[part]) != (ends[-1] if len(ends) else 0):
             raise ValueError(f'{part} do not fit their lengths')
         parts.append(np.split(a[part].astype(float), ends[:-1]))
-    return [Cloud(points, normals, hits, origin, rim) for points, normals, hits, rim, origin in
-            zip(*parts, a['origins'], strict=True)]
+    return [Cloud(points, normals, hits, walls, origin, rim)
+            for points, normals, hits, walls, rim, origin in zip(*parts, a['origins'],
+                                                                 strict=True)]
