@@ -13,7 +13,6 @@ wrong; what is proportional to the turn, to the travel, or to the change of spee
 A Kalman filter with constant state holds each line's coefficients and their uncertainty.
 """
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,9 @@ PRIOR_TRAVEL = 0.04               # sigma of the travel scale
 TURN_NOISE = (0.015, 0.10)        # [rad] and share of the turn that is not systematic
 TRAVEL_NOISE = (0.015, 0.05)      # [m] and share of the travel
 GATE = 3.0                        # sigmas beyond which a step is a slip, not a calibration
+SPAN = 1.0                        # [s] of steps that show the scales, at least
 MAX_LAG = 0.5                     # [s]
+LAG, SCALES = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 1.0])   # of turning
 TURNING = 0.15                    # [rad/s] below which a turn rate is the matches' noise
 
 
@@ -57,7 +58,7 @@ class Calibration:
     def __init__(self) -> None:
         self.turning, self.P_turning = np.zeros(3), np.diag(PRIOR_TURN) ** 2
         self.travelling, self.P_travelling = np.zeros(1), np.array([[PRIOR_TRAVEL ** 2]])
-        self._steps: deque[_Step] = deque(maxlen=3)
+        self._steps: list[_Step] = []
 
     @property
     def lag(self) -> float:
@@ -87,35 +88,53 @@ class Calibration:
             return
         self._steps.append(_Step(previous.stamp, current.stamp,
                                  between(previous.pose, current.pose), matched, along))
-        if len(self._steps) == 3:
-            self._take(*self._steps)
+        if len(self._steps) > 2:
+            self._take(self._steps[-3:], LAG)
+            if self._steps[-2].end - self._steps[1].start >= SPAN:
+                self._take(self._steps, SCALES)
+                del self._steps[:-2]
 
-    def _take(self, before: '_Step', now: '_Step', after: '_Step') -> None:
+    def _take(self, steps: list[_Step], learned: Array) -> None:
         """
-        Update by a step between two others.
+        Update the learned coefficients by the steps between the first and the last as one.
 
         Both odometry and match err at random. What errs on both sides of an equation would pass
-        for scale or lag: turn and travel are the mean of the two, a change of speed is that of
-        the matches, and turns that may be noise say nothing.
+        for scale or lag: turn and travel are the mean of the two, over enough time that their
+        noise is small beside them, a change of speed is that of the matches, and turns that may
+        be noise say nothing.
         """
-        odometry, matched = now.odometry, now.matched
-        turn, travel = 0.5 * (odometry[2] + matched[2]), 0.5 * (odometry[0] + matched[0])
-        change = 0.5 * (after.turn_rate - before.turn_rate)
+        inner = steps[1:-1]
+        odometry = sum(step.odometry for step in inner)
+        matched = sum(step.matched for step in inner)
+        motion = np.array([0.5 * (step.odometry + step.matched) for step in inner])
+        travel, _, turn = motion.sum(0)
+        slipping = np.sqrt((motion ** 2).sum(0))   # each step slips by itself
+        change = 0.5 * (steps[-1].turn_rate + inner[-1].turn_rate
+                        - inner[0].turn_rate - steps[0].turn_rate)
+        time = inner[-1].end - inner[0].start
         h = np.array([change if abs(change) > TURNING else 0.0,
-                      turn if abs(turn) > TURNING * now.time else 0.0, travel])
+                      turn if abs(turn) > TURNING * time else 0.0, travel])
         # The odometry was read with the lag known by now; what remains is the rest of it.
         error = matched[2] - odometry[2] + self.turning[0] * h[0]
-        noise = TURN_NOISE[0] + TURN_NOISE[1] * abs(turn)
-        _update(self.turning, self.P_turning, h, error, noise)
-        noise = np.hypot(TRAVEL_NOISE[0] + TRAVEL_NOISE[1] * abs(travel), now.along)
-        _update(self.travelling, self.P_travelling, h[2:], matched[0] - odometry[0], noise)
+        noise = TURN_NOISE[0] + TURN_NOISE[1] * slipping[2]
+        _update(self.turning, self.P_turning, h, error, noise, learned)
+        if learned is SCALES:
+            noise = np.hypot(TRAVEL_NOISE[0] + TRAVEL_NOISE[1] * slipping[0], inner[-1].along)
+            _update(self.travelling, self.P_travelling, h[2:], matched[0] - odometry[0], noise,
+                    np.ones(1))
 
 
-def _update(x: Array, P: Array, h: Array, z: float, noise: float) -> None:
-    """Kalman update, in place, of constant coefficients x (n,) by one z = h . x + noise."""
+def _update(x: Array, P: Array, h: Array, z: float, noise: float, learned: Array) -> None:
+    """
+    Kalman update, in place, of constant coefficients x (n,) by one z = h . x + noise.
+
+    The coefficients that are not learned (0 in learned (n,)) are considered (Schmidt 1966): their
+    uncertainty counts, their value stays.
+    """
     innovation, variance = z - h @ x, h @ P @ h + noise ** 2
     if innovation ** 2 > GATE ** 2 * variance:
         return
-    K = P @ h / variance
+    K = P @ h / variance * learned
     x += K * innovation
-    P -= np.outer(K, h @ P)
+    I_Kh = np.eye(len(x)) - np.outer(K, h)
+    P[:] = I_Kh @ P @ I_Kh.T + noise ** 2 * np.outer(K, K)
