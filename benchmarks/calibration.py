@@ -40,7 +40,8 @@ from somfusion_ros.geometry import Array, inverse  # noqa: E402
 TESTS = (verdicts.AGREEMENT, verdicts.DISTINCTION, verdicts.PLACES)
 NAMES = [name for test in TESTS for name in test]
 THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-SEVERE = 6.0     # a false accept counts as so many refusals, and so does a team of real robots
+SEVERE = 6.0     # a false accept counts as so many refusals
+TEAM = 30.0      # and so many does a refused team of real robots, of which there are few
 
 
 @dataclass
@@ -100,7 +101,7 @@ def log_odds(weights: Array, x: Array) -> Array:
 def fit(samples: list[Sample], starts: int = 3) -> Array:
     """Weights (M,) of largest likelihood; only constants may be negative."""
     x, y = np.array([s.measures for s in samples]), np.array([s.right for s in samples])
-    care = np.where(~y | np.array([s.kind.startswith('team') for s in samples]), SEVERE, 1.0)
+    care = np.where(y, [TEAM if s.kind == 'team' else 1.0 for s in samples], SEVERE)
     constant = np.array([name == 'constant' for name in NAMES])
     ends = np.cumsum([0] + [len(test) for test in TESTS])
 

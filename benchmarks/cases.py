@@ -231,6 +231,18 @@ def buildings(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({f'building {number % 5}'}, target, worlds.turned(source, rng))
 
 
+@kind(60)
+def storeys(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Draw two storeys of one building: the outer walls and the large areas are the same."""
+    width, plan = rng.uniform(10.0, 45.0), int(rng.integers(10 ** 6))
+    height = width * rng.uniform(0.5, 0.9)
+    planned = width * height * rng.uniform(0.1, 0.6)
+    target, source = (worlds.worn(worlds.furnished(
+        worlds.building(rng, width, height, np.random.default_rng(plan), planned), rng,
+        int(rng.integers(6))), rng) for _ in range(2))
+    return Case({f'storey {number % 5}'}, target, worlds.turned(source, rng))
+
+
 def _bent(source: Grid, truth: Array, spot: Array, degrees: float,
           rng: Random) -> tuple[Grid, Array, Array, tuple[float, float]]:
     """Bend and wear a source map: the map, and truth, spot and tolerance of its case."""

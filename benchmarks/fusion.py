@@ -28,11 +28,11 @@ import baselines  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from somfusion_ros.config import FusionConfig  # noqa: E402
-from somfusion_ros.fusion import (orientation, seeds, translation,  # noqa: E402
+from somfusion_ros.fusion import (field, orientation, seeds, translation,  # noqa: E402
                                   verification)
 from somfusion_ros.fusion.alignment import align, Clock, search  # noqa: E402
 from somfusion_ros.fusion.features import Map  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.fusion.learning import CELL, learn  # noqa: E402
 from somfusion_ros.geometry import compose, Pose, rotation, wrap  # noqa: E402
 from somfusion_ros.grid import Grid  # noqa: E402
 
@@ -75,8 +75,9 @@ def from_centroids(target: Map, source: Map, turns: np.ndarray) -> np.ndarray:
 
 def best_by_V(target: Map, source: Map, starts: np.ndarray) -> Found:
     """Run the published translation from every start; V chooses, and accepts from 90 %."""
+    nearest = field.nearest(target.features.centres, 2.0 * CELL, 1.0)
     poses = np.array([translation.mean_shift(start, source.features, target.features,
-                                             target.nearest)[0] for start in starts])
+                                             nearest)[0] for start in starts])
     V = np.array([item.V for item in verification.measure(poses, target, source)])
     return poses[V.argmax()], bool(V.max() >= PUBLISHED_V)
 

@@ -146,12 +146,19 @@ def office(rng: Random, layout: Random, rooms: int, furniture: int = 3) -> tuple
     return drawing.grid(), width
 
 
-def building(rng: Random, width: float, height: float) -> Grid:
-    """Draw rooms of all sizes, by cutting a rectangle again and again, each cut with a door."""
+def building(own: Random, width: float, height: float, plan: Random | None = None,
+             planned: float = np.inf) -> Grid:
+    """
+    Draw rooms of all sizes, by cutting a rectangle again and again, each cut with a door.
+
+    Areas of more than `planned` [m2] are cut as a plan says, which storeys may share.
+    """
     drawing, rooms, doors = Drawing(width, height), [(0.0, width, 0.0, height)], []
     while rooms:
         x0, x1, y0, y1 = rooms.pop()
-        share, w, h = rng.uniform(0.3, 0.7), x1 - x0, y1 - y0
+        w, h = x1 - x0, y1 - y0
+        rng = plan if w * h > planned else own
+        share = rng.uniform(0.3, 0.7)
         if max(w, h) < rng.uniform(4.0, 9.0):
             drawing.free(x0 + 0.08, x1 - 0.08, y0 + 0.08, y1 - 0.08)
             for _ in range(rng.integers(0, 3)):
@@ -159,11 +166,11 @@ def building(rng: Random, width: float, height: float) -> Grid:
                 drawing.fill(x, min(x + rng.uniform(0.3, 1.2), x1 - 0.2),
                              y, min(y + rng.uniform(0.3, 0.8), y1 - 0.2))
         elif w > h:
-            middle, at = x0 + share * w, rng.uniform(y0 + 0.3, y1 - 1.3)
+            middle, at = x0 + share * w, rng.uniform(y0 + 0.3, max(y1 - 1.3, y0 + 0.3))
             rooms += [(x0, middle, y0, y1), (middle, x1, y0, y1)]
             doors.append((middle - 0.2, middle + 0.2, at, at + 0.9))
         else:
-            middle, at = y0 + share * h, rng.uniform(x0 + 0.3, x1 - 1.3)
+            middle, at = y0 + share * h, rng.uniform(x0 + 0.3, max(x1 - 1.3, x0 + 0.3))
             rooms += [(x0, x1, y0, middle), (x0, x1, middle, y1)]
             doors.append((at, at + 0.9, middle - 0.2, middle + 0.2))
     for door in doors:

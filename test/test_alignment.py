@@ -5,7 +5,7 @@
 import csv
 
 from helpers import cut_grid, fake_grid, fake_room, need_data, pose_error
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.config import FusionConfig
@@ -80,6 +80,7 @@ def test_finds_any_turn_shift_size_and_resolution(
 
 @settings(max_examples=8, deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(0.75, 0.9))
+@example(0.5, 0.754)
 def test_finds_a_partial_overlap(theta: float, share: float) -> None:
     """Two robots saw the left and the right part of one floor."""
     T = Pose(4.0, 1.0, theta)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evidence for a hypothesis, and what the verdict makes of it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -207,12 +208,16 @@ def test_rasters_too_wide_for_opencv_answer_alike() -> None:
     assert (wide.at(points + 1e5) == 7).all()
 
 
-def test_nearest_names_the_nearest_point() -> None:
-    """Nearest of scattered points, up to the raster's cells."""
+@pytest.mark.parametrize('raster_of', [field.nearest, field.nearby])
+def test_nearest_names_the_nearest_point(raster_of: Callable[..., Raster]) -> None:
+    """Nearest of scattered points, up to the raster's cells; none beyond its reach."""
     rng = np.random.default_rng(4)
     points, asked = rng.uniform(0, 10, (60, 2)), rng.uniform(0, 10, (200, 2))
-    raster = field.nearest(points, 0.05, 1.0)
+    raster = raster_of(points, 0.05, 1.0)
     named = raster.at(asked.T.astype(np.float32)).astype(int)
     distance = np.hypot(*(asked[:, None] - points[None]).transpose(2, 0, 1))
-    assert (distance[np.arange(200), named] < distance.min(1) + 0.11).all()
+    near = distance.min(1) < (0.9 if raster_of is field.nearby else np.inf)
+    assert 150 < near.sum()
+    assert (distance[np.arange(200), named] < distance.min(1) + 0.11)[near].all()
+    assert (named[distance.min(1) > 1.1] < 0).all() or raster_of is field.nearest
     assert raster.at(np.array([[99.0], [99.0]], np.float32))[0] == -1

@@ -13,7 +13,8 @@ from somfusion_ros.config import FusionConfig
 from somfusion_ros.fusion import bending, orientation, refinement, seeds, translation, verification
 from somfusion_ros.fusion import verdict as verdicts
 from somfusion_ros.fusion.features import Map, Warp
-from somfusion_ros.fusion.learning import learn
+from somfusion_ros.fusion.field import nearest
+from somfusion_ros.fusion.learning import CELL, learn
 from somfusion_ros.fusion.map_trace import map_trace, MapTrace
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
@@ -142,8 +143,12 @@ def verify(poses: Array, J: Array, target: Map, source: Map, config: FusionConfi
            ) -> tuple[verdicts.Verdict, Array, Array, verification.Evidence, Warp]:
     """Judge the best of hypotheses (B, 3); return all with their J, its evidence and its warp."""
     evidence = verification.measure(poses, target, source)
-    best = max(range(len(poses)), key=lambda k: evidence[k].score)
-    beside = verdicts.slides(poses[best], evidence[best].axis)
+    first = _judge(poses, evidence, {}, source, config)
+    if first.is_clear:
+        bent = {first.best: _bent(poses[first.best], target, source)}
+        verdict = _judge(poses, evidence, bent, source, config)
+        return verdict, poses, J, *bent[verdict.best]
+    beside = verdicts.slides(poses[first.best], evidence[first.best].axis)
     beside, more = translation.settle(beside, source.sketch, target.features, target.nearest,
                                       *FINAL)
     poses, J = np.concatenate([poses, beside]), np.hstack([J, more])
@@ -152,11 +157,18 @@ def verify(poses: Array, J: Array, target: Map, source: Map, config: FusionConfi
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
     others = verdicts.rivals(poses, evidence, best, source.pivot)
     bent = {k: _bent(poses[k], target, source) for k in (best, *others[:BENT_RIVALS])}
-    best = max(bent, key=lambda k: bent[k][0].score)
+    verdict = _judge(poses, evidence, bent, source, config)
+    return verdict, poses, J, *bent[verdict.best]
+
+
+def _judge(poses: Array, evidence: list[verification.Evidence],
+           bent: dict[int, tuple[verification.Evidence, Warp]], source: Map,
+           config: FusionConfig) -> verdicts.Verdict:
+    """Judge the best of hypotheses (B, 3), of those that were bent if any was."""
+    items = {k: item for k, (item, _) in bent.items()} or dict(enumerate(evidence))
+    best = max(items, key=lambda k: items[k].score)
     others = verdicts.rivals(poses, evidence, best, source.pivot)
-    verdict = verdicts.judge(poses, evidence, best, {k: item for k, (item, _) in bent.items()},
-                             others, config.estimation_confidence)
-    return verdict, poses, J, *bent[best]
+    return verdicts.judge(poses, evidence, best, items, others, config.estimation_confidence)
 
 
 def _bent(pose: Array, target: Map, source: Map) -> tuple[verification.Evidence, Warp]:
@@ -174,7 +186,8 @@ def _align_as_published(target: Map, source: Map, config: FusionConfig,
                              source.spectrum)[0]
     clock.lap('orientation')
     start = np.r_[target.pivot - rotation(theta) @ source.pivot, theta]
-    pose, J = translation.mean_shift(start, source.features, target.features, target.nearest)
+    pose, J = translation.mean_shift(start, source.features, target.features,
+                                     nearest(target.features.centres, 2.0 * CELL, 1.0))
     clock.lap('translation')
     evidence, = verification.measure(pose[None], target, source)
     verdict = verdicts.judge_by_V(evidence, PUBLISHED_V)

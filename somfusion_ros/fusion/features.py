@@ -206,8 +206,8 @@ def match_at(at: NDArray[np.float32], turns: Array, source: Clusters, target: Cl
     """Match source clusters that lie at places (2, B, K) [m], turned by B angles [rad]."""
     other = nearest.at(at).astype(np.intp)
     agrees = other >= 0
-    # Index -1, for "none", reads the last cluster: harmless, it does not agree.
-    x, y, across, up, weights, signed = np.take(target.table, other, axis=1, mode='wrap')
+    # Index -1, for "none", reads the first cluster: harmless, it does not agree.
+    x, y, across, up, weights, signed = np.take(target.table, other, axis=1, mode='clip')
     turn = np.column_stack([np.zeros((len(turns), 2)), turns])
     mine = place(turn, source.norms)
     cosine = mine[0] * across + mine[1] * up

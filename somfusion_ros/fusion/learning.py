@@ -19,6 +19,7 @@ SKETCH = 160         # features that stand for a map where every hypothesis is l
 RADON = 300          # features that the Radon image is made of
 CELL = 0.1           # edge of the zones' cells [m]
 FINE = 0.05          # edge of the likelihood field's cells, more where the grid's are larger [m]
+REACH = 1.3          # furthest that a match may be, and the rasters' cells [m]
 PROBES = 1000        # wall cells that stand for all
 FREE = 2000          # free places that stand for all free cells
 _memory = SegmentMemory()
@@ -61,7 +62,7 @@ def _learn(grid: Grid, config: FusionConfig) -> Map:
     image = orientation.radon(walls.centres, walls.weights, orientation.directions(), CELL)
     every = -(-len(points) // PROBES)
     return Map(points, segments, winner, clusters, surfaces, features, sketch, zones,
-               field.nearest(features.centres, 2.0 * CELL, 1.0),
+               field.nearby(features.centres, 2.0 * CELL, REACH),
                field.likelihood(points, max(grid.resolution, FINE)), points[::every],
                every * grid.resolution, field.free_places(zones, FREE),
                orientation.histogram(*surfaces), orientation.spectrum(image), grid.resolution)

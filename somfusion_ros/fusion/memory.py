@@ -57,9 +57,12 @@ class SegmentMemory:
         low, high = (np.searchsorted(of, list(keys), side=side) for side in ('left', 'right'))
         first, last = (np.searchsorted(edges[:, 0], ends) for ends in (low, high)) \
             if len(edges) else (low * 0, high * 0)
-        for n, (label, key) in enumerate(keys.items()):
+        order = np.argsort(segments, kind='stable')
+        begin, end = (np.searchsorted(segments[order], list(keys), side=side)
+                      for side in ('left', 'right'))
+        for n, key in enumerate(keys.values()):
             self._known[key] = (centres[low[n]:high[n]], edges[first[n]:last[n]] - low[n],
-                                winner[segments == label] - low[n])
+                                winner[order[begin[n]:end[n]]] - low[n])
         while len(self._known) > MOST:
             del self._known[next(iter(self._known))]
 

@@ -73,16 +73,16 @@ def radon(points: Array, weights: Array, directions: Array, cell: float) -> Arra
     centred = points - np.average(points, axis=0, weights=weights)
     reach = np.hypot(*centred.T).max() + cell
     size = int(np.ceil(2.0 * reach / cell)) + 1
-    axes = np.column_stack([np.cos(directions), np.sin(directions)])
-    place = (axes @ centred.T + reach) / cell
+    axes = np.column_stack([np.cos(directions), np.sin(directions)]) / cell
+    place = axes @ centred.T
+    place += reach / cell + np.arange(len(directions))[:, None] * size
     low = place.astype(np.intp)
-    part = weights * (place - low)
-    low += np.arange(len(directions))[:, None] * size
-    total = len(directions) * size
-    flat = low.ravel()
-    image = np.bincount(flat, (weights - part).ravel(), total + 1)
-    image[1:] += np.bincount(flat, part.ravel(), total + 1)[:-1]
-    return image[:total].reshape(len(directions), size)
+    place -= low
+    place *= weights
+    image = np.zeros(len(directions) * size + 1)
+    np.add.at(image, low.ravel(), (weights - place).ravel())
+    np.add.at(image[1:], low.ravel(), place.ravel())
+    return image[:-1].reshape(len(directions), size)
 
 
 def spectrum(image: Array) -> Array:

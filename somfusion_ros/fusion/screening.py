@@ -17,7 +17,7 @@ from somfusion_ros.config import FusionConfig
 from somfusion_ros.fusion import field, orientation
 from somfusion_ros.fusion.alignment import Clock, FEWEST, search
 from somfusion_ros.fusion.features import Clusters, Map, place, Raster
-from somfusion_ros.fusion.learning import CELL, NORMED, RADON, SKETCH
+from somfusion_ros.fusion.learning import CELL, NORMED, RADON, REACH, SKETCH
 from somfusion_ros.fusion.verification import tally
 from somfusion_ros.geometry import Pose
 
@@ -73,6 +73,6 @@ def _map_of(clusters: Clusters, resolution: float) -> Map:
     image = orientation.radon(walls.centres, walls.weights, orientation.directions(), CELL)
     dark = Raster(np.zeros((1, 1), np.uint8), 1.0, Pose(), 0)
     return Map(clusters.centres, clusters.segments, np.arange(len(clusters)), clusters, surfaces,
-               features, sketch, dark, field.nearest(features.centres, 2.0 * CELL, 1.0), dark,
+               features, sketch, dark, field.nearby(features.centres, 2.0 * CELL, REACH), dark,
                np.empty((0, 2)), 0.0, np.empty((0, 2)),
                orientation.histogram(*surfaces), orientation.spectrum(image), resolution)

@@ -18,6 +18,7 @@ from somfusion_ros.geometry import Array
 Index = NDArray[np.intp]
 FAR = 1e9           # where the neurons are that are none [m]
 ROW_BITS = np.int32(15)
+BATCH = 16384        # cells that the caches hold with all that is computed of them
 PHASE = 0.137       # keeps walls at round distances from the edges of the squares [m]
 
 
@@ -84,19 +85,24 @@ def _means(points: Array, times: Array, winner: Index) -> Array:
 
 def _two_nearest(points: Array, centres: Array, near: Index) -> tuple[Index, Index]:
     """Winner (N,) and runner-up (N,) of each cell among the neurons (k, N) near it."""
-    table = np.vstack([centres, [FAR, FAR]]).astype(np.float32)
+    table = np.vstack([centres, [FAR, FAR]]).astype(np.float32).T
+    found = [_two_of(points[k:k + BATCH], table, near[:, k:k + BATCH])
+             for k in range(0, len(points), BATCH)]
+    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
+
+
+def _two_of(points: Array, table: NDArray[np.float32], near: Index) -> tuple[Index, Index]:
+    """Do it for one batch of cells, with the neurons (2, K) and one at the end that is none."""
     x, y = points.T.astype(np.float32)
-    across, up = np.take(table.T, near, axis=1)
+    across, up = np.take(table, near, axis=1)
     distance = (across - x) ** 2 + (up - y) ** 2
     # Floats above zero are in the order of their bits: the lowest hold the row, so that a
     # minimum says where it was found.
     tagged = distance.view(np.int32) & ~ROW_BITS | np.arange(len(near), dtype=np.int32)[:, None]
-    first = tagged.min(0)
-    tagged[first & ROW_BITS, np.arange(len(points))] = np.iinfo(np.int32).max
-    second = tagged.min(0)
-    every = np.arange(len(points))
-    winner, runner = near[first & ROW_BITS, every], near[second & ROW_BITS, every]
-    return winner, np.where(runner == len(centres), winner, runner)
+    every, first = np.arange(len(points)), tagged.min(0) & ROW_BITS
+    tagged[first, every] = np.iinfo(np.int32).max
+    winner, runner = near[first, every], near[tagged.min(0) & ROW_BITS, every]
+    return winner, np.where(runner == table.shape[1] - 1, winner, runner)
 
 
 def _pull(points: Array, times: Array, winner: Index, runner: Index, share: float,

@@ -64,13 +64,16 @@ def _solve(found: Matches, weight: Array) -> tuple[Array, Array]:
     total = np.einsum('bk->b', weight) + 1e-6
     pivot = np.einsum('ibk,bk->bi', found.at, weight) / total[:, None]
     arm = found.at - pivot.T[:, :, None]
-    J = np.stack([*found.norms, arm[0] * found.norms[1] - arm[1] * found.norms[0]])
-    Jw = J * weight
-    H = np.einsum('ibk,jbk->bij', Jw, J, optimize=True).astype(float)
+    J = (*found.norms, arm[0] * found.norms[1] - arm[1] * found.norms[0])
+    H, g = np.empty((len(total), 3, 3)), np.empty((len(total), 3))
+    for i, row in enumerate(J):
+        pull = row * weight
+        g[:, i] = np.einsum('bk,bk->b', pull, found.off)
+        for j in range(i, 3):
+            H[:, i, j] = H[:, j, i] = np.einsum('bk,bk->b', pull, J[j])
     # Damping: where no wall fixes a direction (a corridor), the hypothesis stays where it is.
     H += np.diag([0.02, 0.02, 0.08]) * total[:, None, None]
-    g = np.einsum('ibk,bk->bi', Jw, found.off)
-    return np.linalg.solve(H, g[..., None].astype(float))[..., 0], pivot
+    return np.linalg.solve(H, g[..., None])[..., 0], pivot
 
 
 def _turn_about(poses: Array, steps: Array, pivot: Array) -> Array:

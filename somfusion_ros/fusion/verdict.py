@@ -24,6 +24,8 @@ from somfusion_ros.geometry import Array, wrap
 SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]
 APART = (0.7, np.radians(8.0))     # a rival lies further than this from the best [m, rad]
 ENOUGH = 0.1       # share of the smaller map from which an overlap is no thin strip
+SURE = 0.995       # probability from which a verdict over all measured rivals is clear
+SPAN = 250.0       # of more wall than this as much may be wrong as if there were so much [m]
 COMPARABLE = 0.4   # a rival that matches less of the best's wall tells nothing of its conflicts
 AGREEMENT = {'ratio': 3.08, 'fine_ratio': 0.32, 'little_against': 11.52, 'constant': 45.44}
 DISTINCTION = {'margin': 1.27, 'odds': 8.11, 'weak_margin': 5.26, 'constant': -7.33}
@@ -53,6 +55,11 @@ class Verdict:
     accepted: bool
     reason: str
     margins: Margins = CLEAR
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it would stand, however rivals were bent or moved along a corridor."""
+        return self.probability >= SURE and self.margins.margin >= CLEAR.margin
 
 
 def slides(pose: Array, axis: Array) -> Array:
@@ -127,9 +134,10 @@ def probability(item: Evidence, margins: Margins) -> float:
 
 def measures(item: Evidence, margins: Margins) -> dict[str, float]:
     """Put evidence and margins on the scales on which the tests add them up."""
+    against = item.fine_against * min(1.0, SPAN / max(item.fine + item.fine_against, 1.0))
     return {
         'ratio': _logit(item.ratio), 'fine_ratio': _logit(item.fine_ratio),
-        'little_against': -np.log(item.fine_against + 3.0),
+        'little_against': -np.log(against + 3.0),
         'margin': np.log(np.clip(margins.margin, 0.7, 3.0)),
         'odds': np.log(np.clip(margins.odds, 0.1, 20.0)),
         'weak_margin': np.log(np.clip(margins.weak_margin, 0.3, 4.0)),

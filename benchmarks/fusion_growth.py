@@ -1,0 +1,113 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure how time and memory of a match grow with the size of the maps and the number of robots.
+
+usage: fusion_growth.py [--sides N ...] [--robots N ...]
+
+Draws a building of rooms, hands two robots two thirds of it each, one map turned, and matches
+them in a process of its own. Then draws one building for a team whose robots saw a window each,
+and matches all pairs. CPU time on one core; peak memory of the whole process with Python, NumPy,
+SciPy and OpenCV, which need the amount of the first row's maps alone. Asserts nothing.
+"""
+
+import argparse
+from itertools import combinations
+import os
+from pathlib import Path
+import resource
+import subprocess
+import sys
+from tempfile import TemporaryDirectory
+import time
+
+for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+    os.environ.setdefault(variable, '1')
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+from somfusion_ros.fusion.alignment import align  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.grid import Grid  # noqa: E402
+import worlds  # noqa: E402
+
+
+def two_maps(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two thirds each of one building, as maps of `side` x `side` cells int8, one turned."""
+    rng, width = np.random.default_rng(side), side * worlds.CELL - 2.1
+    grid = worlds.building(rng, width, width)
+    left = worlds.cut(grid, 0.0, 0.66 * width)
+    right = worlds.cut(grid, 0.34 * width, width + 2.0)
+    return left.to_occupancy(), np.rot90(right.to_occupancy()).copy()
+
+
+def match(file: Path) -> None:
+    """Print the seconds of learning and matching a saved pair, peak MB and the verdict."""
+    with np.load(file) as pair:
+        grids = [Grid.from_occupancy(pair[name], worlds.CELL) for name in ('left', 'right')]
+    seconds = []
+    for copies in range(3 if max(grids[0].shape) < 3000 else 1):
+        fresh = [Grid(grid.evidence, grid.resolution, (0.001 * copies, 0.0, 0.0))
+                 for grid in grids]
+        start = time.process_time()
+        for grid in fresh:
+            learn(grid)
+        middle = time.process_time()
+        found = align(*fresh)
+        seconds.append((middle - start, time.process_time() - start))
+    first, whole = np.median(seconds, axis=0)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(f'{first * 500:10.0f} {whole * 1e3:10.0f} {peak:8.0f}   {found.reason}')
+
+
+def by_size(sides: list[int]) -> None:
+    """Print a row for each size."""
+    print('    cells   learn one map, ms   the pair, ms   MB   verdict')
+    for side in sides:
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / 'pair.npz'
+            np.savez(file, **dict(zip(('left', 'right'), two_maps(side), strict=True)))
+            row = subprocess.run([sys.executable, __file__, '--match', str(file)], check=True,
+                                 capture_output=True, text=True).stdout
+        print(f'{side:5d}^2 {row.rstrip()}', flush=True)
+
+
+def by_robots(counts: list[int]) -> None:
+    """Print the time to match all pairs of a team once."""
+    print('robots  pairs  accepted   all maps learned, ms   all pairs matched, ms   per pair')
+    for count in counts:
+        rng = np.random.default_rng(count)
+        grid = worlds.building(rng, 50.0, 40.0)
+        starts = rng.uniform(0.0, 30.0, count)
+        grids = [worlds.turned(worlds.worn(worlds.cut(grid, x, x + 22.0), rng), rng)
+                 for x in starts]
+        start = time.process_time()
+        for one in grids:
+            learn(one)
+        middle = time.process_time()
+        found = [align(*pair) for pair in combinations(grids, 2)]
+        end = time.process_time()
+        print(f'{count:6d} {len(found):6d} {sum(one.accepted for one in found):9d} '
+              f'{1e3 * (middle - start):22.0f} {1e3 * (end - middle):23.0f} '
+              f'{1e3 * (end - middle) / len(found):10.0f}', flush=True)
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--sides', type=int, nargs='*', default=[200, 400, 1000, 2000, 4000, 8000])
+    parser.add_argument('--robots', type=int, nargs='*', default=[2, 4, 8, 16])
+    parser.add_argument('--match', type=Path, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    if args.match:
+        match(args.match)
+    else:
+        by_size(args.sides)
+        by_robots(args.robots)
+
+
+if __name__ == '__main__':
+    main()
