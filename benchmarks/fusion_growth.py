@@ -5,7 +5,7 @@ Measure how time and memory of a match grow with the size of the maps and the nu
 
 usage: fusion_growth.py [--sides N ...] [--robots N ...]
 
-Draws a building of rooms, hands two robots two thirds of it each, one map turned, and matches
+Draws a campus of buildings, hands two robots two thirds of it each, one map turned, and matches
 them in a process of its own. Then draws one building for a team whose robots saw a window each,
 and matches all pairs. CPU time on one core; peak memory of the whole process with Python, NumPy,
 SciPy and OpenCV, which need the amount of the first row's maps alone. Asserts nothing.
@@ -33,12 +33,20 @@ from somfusion_ros.grid import Grid  # noqa: E402
 import worlds  # noqa: E402
 
 
+def campus(rng: np.random.Generator, side: int) -> Grid:
+    """Draw a building of 40 m in every 100 m, or a smaller one, on `side` x `side` cells."""
+    evidence, width = np.zeros((side, side), np.float32), min(40.0, side * worlds.CELL - 2.1)
+    for row, column in np.ndindex(2 * (-(-side // 2000),)):
+        house = worlds.building(rng, width, width).evidence
+        part = evidence[2000 * row:, 2000 * column:][:house.shape[0], :house.shape[1]]
+        part[:] = house[:part.shape[0], :part.shape[1]]
+    return Grid(evidence, worlds.CELL)
+
+
 def two_maps(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two thirds each of one building, as maps of `side` x `side` cells int8, one turned."""
-    rng, width = np.random.default_rng(side), side * worlds.CELL - 2.1
-    grid = worlds.building(rng, width, width)
-    left = worlds.cut(grid, 0.0, 0.66 * width)
-    right = worlds.cut(grid, 0.34 * width, width + 2.0)
+    """Two thirds each of one campus, as maps of `side` x `side` cells int8, one turned."""
+    grid, width = campus(np.random.default_rng(side), side), side * worlds.CELL
+    left, right = worlds.cut(grid, 0.0, 0.66 * width), worlds.cut(grid, 0.34 * width, width)
     return left.to_occupancy(), np.rot90(right.to_occupancy()).copy()
 
 

@@ -38,7 +38,8 @@ class Grid:
     def __post_init__(self) -> None:
         _check(self.evidence, self.resolution, self.T_frame_grid)
         evidence = np.ascontiguousarray(self.evidence, dtype=np.float32)
-        if evidence.size and not (np.abs(evidence) <= 1.0).all():
+        # Least and greatest are NaN where any is; masks of a large grid would cost memory.
+        if not (evidence.min() >= -1.0 and evidence.max() <= 1.0):
             raise ValueError('evidence leaves [-1, 1] or is NaN')
         object.__setattr__(self, 'evidence', evidence)
         object.__setattr__(self, 'resolution', float(self.resolution))
@@ -58,10 +59,11 @@ class Grid:
         """
         cells = np.asarray(cells)
         _check(cells, resolution, origin)
-        signed = cells.astype(np.int16)
-        known = (signed >= 0) & (signed <= 100)
-        evidence = np.where(known, 1.0 - signed / 50.0, 0.0).astype(np.float32)
-        return cls(evidence, resolution, Pose.from_array(origin))
+        unknown = OCCUPIED + 1
+        table = np.append(1.0 - np.arange(unknown) / 50.0, 0.0).astype(np.float32)
+        known = (cells >= FREE) & (cells <= OCCUPIED)
+        index = np.where(known, cells, unknown).astype(np.uint8)
+        return cls(table[index], resolution, Pose.from_array(origin))
 
     def to_occupancy(self) -> NDArray[np.int8]:
         """Cells (H, W) of nav_msgs/OccupancyGrid: -1 where the evidence is 0, else 0..100."""
