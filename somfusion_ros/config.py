@@ -95,7 +95,7 @@ class FusionConfig:
     vote_cell: float = parameter(
         0.5, 'm', 0.1, 5.0, 'Edge of the cells in which cluster pairs vote for a shift.')
     seeds: int = parameter(
-        20, 'seeds', 1, 200, 'Shifts that are tried for each hypothesis of the orientation.')
+        14, 'seeds', 1, 200, 'Shifts that are tried for each hypothesis of the orientation.')
     finalists: int = parameter(
         8, 'poses', 2, 50, 'Distinct poses that are settled with all clusters and judged.')
 

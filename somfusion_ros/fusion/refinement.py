@@ -32,8 +32,9 @@ def refine(pose: Array, target: Map, source: Map) -> tuple[Array, Array]:
         J, off, weight = _residuals(pose, target, source, reach, few)
         pull = weight / (1.0 + (off / SCALE) ** 2)
         H = (J * pull[:, None]).T @ J + np.diag([0.05, 0.05, 0.2])
-        pose = pose + np.linalg.solve(H, (J * pull[:, None]).T @ off)
-    J, off, weight = _residuals(pose, target, source, REACHES[-1])
+        move = np.linalg.solve(H, (J * pull[:, None]).T @ off)
+        pose = pose + move
+    off = off - J @ move     # what the last step left; it is too short to match anew
     pull = (weight > 0) / (1.0 + (off / SCALE) ** 2)
     noise = max(float((pull * off ** 2).sum() / max(pull.sum(), 1.0)),
                 target.resolution ** 2 / 12.0)
