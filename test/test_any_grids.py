@@ -74,6 +74,45 @@ def test_maps_of_other_makers_are_placed_right(change: Callable[[Grid], Grid]) -
     assert distance < 0.1 and angle < np.radians(0.5)
 
 
+@pytest.mark.parametrize('resolutions', [(0.02, 0.02), (0.02, 0.05), (0.1, 0.02), (0.1, 0.05)])
+def test_fine_and_mixed_resolutions(resolutions: tuple[float, float]) -> None:
+    """A floor drawn in two resolutions: right within a cell of the coarser, and 0.5 deg."""
+    T = Pose(-4.0, 1.0, -2.2)
+    target, source = (fake_grid(office().segments, resolution, at)
+                      for resolution, at in zip(resolutions, (T, Pose()), strict=True))
+    found = align(target, source)
+    assert found.accepted, found.reason
+    distance, angle = pose_error(compose(found.T_target_source, SPOT), compose(T, SPOT))
+    assert distance < max(resolutions) and angle < np.radians(0.5)
+
+
+def outdoors(seed: int, low: float, high: float, T: Pose) -> Grid:
+    """Draw part of a yard of 60 x 40 m, between two x [m]: trunks, sheds, no wall around."""
+    rng, evidence = np.random.default_rng(seed), np.ones((800, 1200), np.float32)
+    for size, count in ((8, 50), (60, 8)):
+        for row, column in zip(rng.integers(0, 740, count), rng.integers(0, 1140, count),
+                               strict=True):
+            height, width = rng.integers(size // 2, size, 2)
+            evidence[row:row + height, column:column + width] = -1.0
+            evidence[row + 1:row + height - 1, column + 1:column + width - 1] = 0.0
+    evidence[:, :int(20 * low)] = evidence[:, int(20 * high):] = 0.0
+    return Grid(evidence, 0.05, T)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_sparse_maps_of_outdoors_are_placed_right_and_others_refused(seed: int) -> None:
+    """Two robots saw two thirds of a yard each: right within 0.1 m, 0.5 deg; not another yard."""
+    T = Pose(12.0, -7.0, 2.5)
+    target = outdoors(seed, 0.0, 40.0, T)
+    found = align(target, outdoors(seed, 20.0, 60.0, Pose()))
+    assert found.accepted, found.reason
+    spot = (30.0, 20.0, 0.0)
+    distance, angle = pose_error(compose(found.T_target_source, spot), compose(T, spot))
+    assert distance < 0.1 and angle < np.radians(0.5)
+    other = align(target, outdoors(seed + 100, 20.0, 60.0, Pose()))
+    assert not other.accepted, other.reason
+
+
 @settings(max_examples=8, deadline=None)
 @given(st.integers(20, 60), st.integers(20, 60), st.integers(0, 10 ** 6))
 def test_tiny_maps_never_raise_and_agree_both_ways(rows: int, columns: int, seed: int) -> None:
