@@ -46,6 +46,11 @@ class LocalMap:
         return len(self.points)
 
     @cached_property
+    def bare(self) -> NDArray[np.bool_]:
+        """Mask (N,) of the points without a normal."""
+        return ~self.normals.any(1)
+
+    @cached_property
     def tree(self) -> cKDTree:
         """Search tree over the points."""
         return cKDTree(self.points, balanced_tree=False, compact_nodes=False)

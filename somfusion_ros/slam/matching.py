@@ -10,6 +10,7 @@ normals all point one way, says nothing along itself.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
@@ -43,7 +44,7 @@ class Match:
     inlier_ratio: float
     residual: float
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """Covariance (3, 3); very large along what the match does not fix."""
         return np.linalg.inv(self.information + 1e-6 * np.eye(3))
@@ -69,45 +70,53 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
     it is not part of the information returned.
     """
     x = np.array(seed, dtype=float)
-    hold = np.zeros((3, 3)) if hold is None else hold
-    H, inliers, residual = np.zeros((3, 3)), np.zeros(0), np.inf
+    scale = OVERSAMPLING * RANGE_SIGMA ** 2
+    prior = 1e-6 * np.eye(3) + (0.0 if hold is None else hold)
     for gate in GATES:
         R = rotation(x[2])
-        arm = scan.points @ R.T
+        arm, own = scan.points @ R.T, scan.normals @ R.T
         p = arm + x[:2]
         distance, nearest = target.tree.query(p, distance_upper_bound=gate)
         found = np.isfinite(distance)
-        index = np.where(found, nearest, 0)
-        n, q = target.normals[index], target.points[index]
-        own = scan.normals @ R.T
-        n = np.where((n == 0.0).all(1)[:, None], own, n)
-        found &= ((n * own).sum(1) > SAME_SIDE) | (own == 0.0).all(1)
-        if found.sum() < 8:
+        nearest[~found] = 0
+        n = target.normals.take(nearest, 0)
+        np.copyto(n, own, where=target.bare[nearest, None])
+        found &= (_dot(n, own) > SAME_SIDE) | scan.bare
+        inliers = np.count_nonzero(found)
+        if inliers < 8:
             return Match(x, np.zeros((3, 3)), 0.0, np.inf)
-        e = (n * (p - q)).sum(1)
+        e = _dot(n, p - target.points.take(nearest, 0))
         w = found / (1.0 + (e / (0.3 * gate)) ** 2) ** 2
         J = _jacobian(n, arm)
-        H = (J * w[:, None]).T @ J
+        JtW = (J * w[:, None]).T
+        H = JtW @ J
         d = x - seed
         d[2] = wrap(d[2])
-        scale = OVERSAMPLING * RANGE_SIGMA ** 2
-        step = np.linalg.solve(H / scale + hold + 1e-6 * np.eye(3),
-                               (J * w[:, None]).T @ e / scale + hold @ d)
-        x = x - step
-        inliers, residual = found, float(np.sqrt((w * e * e).sum() / max(w.sum(), 1e-9)))
+        gradient = JtW @ e / scale
+        if hold is not None:
+            gradient += hold @ d
+        x = x - np.linalg.solve(H / scale + prior, gradient)
+    ratio, residual = inliers / len(found), float(np.sqrt(w @ (e * e) / max(w.sum(), 1e-9)))
     x[2] = wrap(x[2])
     H = _without_false_information(H, _jacobian(n[:, ::-1] * (-1.0, 1.0), arm), w)
     # The distance to the nearest of many points hides the noise; the scan's own scatter shows it.
     sigma2 = OVERSAMPLING * max(LEAST_SIGMA, scan.noise, residual) ** 2
-    sigma2 /= max(inliers.mean(), 0.3) ** QUALITY
+    sigma2 /= max(ratio, 0.3) ** QUALITY
     information = H / sigma2
     information = information @ np.linalg.inv(np.eye(3) + FLOOR @ information)
-    return Match(x, 0.5 * (information + information.T), float(inliers.mean()), residual)
+    return Match(x, 0.5 * (information + information.T), ratio, residual)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Row by row scalar product (N,) of vectors (N, 2); numpy's own sums are slow for two."""
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
 
 
 def _jacobian(normals: Array, arm: Array) -> Array:
     """Differentiate (N, 3) the distances along normals (N, 2) of points at arm (N, 2)."""
-    return np.column_stack([normals, normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]])
+    J = np.empty((len(arm), 3))
+    J[:, :2], J[:, 2] = normals, normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]
+    return J
 
 
 def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
@@ -117,9 +126,9 @@ def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
     A normal that is off by a small angle a claims sin(a)^2 of a point's information along the
     surface. Along a corridor these claims add up to a match that is sure of what it cannot see.
     """
-    false = NORMAL_SIGMA ** 2 * (J_tangent * w[:, None]).T @ J_tangent
-    values, vectors = np.linalg.eigh(H - false)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+    true = H - NORMAL_SIGMA ** 2 * (J_tangent * w[:, None]).T @ J_tangent
+    values, vectors = np.linalg.eigh(true)
+    return true if values[0] >= 0.0 else (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
 def register(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None) -> Match:

@@ -3,6 +3,7 @@
 """One laser scan, and the points and surface normals that it saw."""
 
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,11 @@ class Cloud:
     def __len__(self) -> int:
         return len(self.points)
 
+    @cached_property
+    def bare(self) -> NDArray[np.bool_]:
+        """Mask (N,) of the points without a normal."""
+        return ~self.normals.any(1)
+
 
 def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     """
@@ -83,13 +89,12 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     twist : (3,) speed of the base [m/s, m/s, rad/s], used where time_increment is set
     """
     ranges = np.asarray(scan.ranges, dtype=float)
-    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     limit = min(max_range, scan.range_max)
     with np.errstate(invalid='ignore'):
         hit = (ranges >= max(scan.range_min, 1e-3)) & (ranges < limit)
         beyond = (ranges >= limit) & (np.isposinf(ranges) | (ranges < scan.range_max))
     reach = np.where(hit, ranges, np.where(beyond, limit, 0.0))
-    beams = reach[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    beams = reach[:, None] * _directions(scan.angle_min, scan.angle_increment, len(ranges))
     placed = _deskew(apply(scan.T_base_laser, beams), scan.time_increment, twist)
     origin = np.array(scan.T_base_laser[:2])
     hits = placed[hit]
@@ -98,6 +103,13 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     normals, noise = _surface(points, joined, origin)
     return Cloud(points, normals, *_walls(hits, np.flatnonzero(hit), ranges[hit]), origin,
                  _rim(placed, reach, origin), noise, scan.time_increment * len(ranges))
+
+
+@lru_cache(maxsize=8)
+def _directions(angle_min: float, angle_increment: float, beams: int) -> Array:
+    """Unit vectors (B, 2) along the beams in the laser frame; a laser's are always the same."""
+    angles = angle_min + angle_increment * np.arange(beams)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def _joined(points: Array, beams: NDArray[np.intp], ranges: Array, increment: float
@@ -111,21 +123,24 @@ def _joined(points: Array, beams: NDArray[np.intp], ranges: Array, increment: fl
     if len(points) < 2:
         return np.zeros(0, bool)
     gap = SURFACE_GAP * np.maximum(1.0, np.minimum(ranges[1:], ranges[:-1]) * increment * 40.0)
-    return (np.diff(beams) <= 2) & ((np.diff(points, axis=0) ** 2).sum(1) < gap ** 2)
+    step = points[1:] - points[:-1]
+    return (beams[1:] - beams[:-1] <= 2) & (step[:, 0] ** 2 + step[:, 1] ** 2 < gap ** 2)
 
 
 def _thin(points: Array, joined: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Average returns (N, 2) over SPACING of surface; return points and which are joined."""
     if len(points) < 2:
         return points, joined
-    step = np.hypot(*np.diff(points, axis=0).T)
-    along = np.concatenate([[0.0], np.where(joined, step, 0.0).cumsum()])
-    surface = np.concatenate([[0], (~joined).cumsum()])
-    start = along[np.flatnonzero(np.concatenate([[True], ~joined]))][surface]
+    step = points[1:] - points[:-1]
+    along = np.zeros(len(points))
+    np.cumsum(np.where(joined, np.hypot(step[:, 0], step[:, 1]), 0.0), out=along[1:])
+    ends = np.flatnonzero(~joined) + 1
+    surfaces = np.concatenate([[0], ends, [len(points)]])
+    start = along[surfaces[:-1]].repeat(surfaces[1:] - surfaces[:-1])
     piece = np.floor((along - start) / SPACING)
-    new = (np.diff(piece) != 0) | ~joined
-    first = np.concatenate([[0], np.flatnonzero(new) + 1])
-    count = np.diff(np.concatenate([first, [len(points)]]))
+    first = np.flatnonzero((piece[1:] != piece[:-1]) | ~joined) + 1
+    first = np.concatenate([[0], first])
+    count = np.diff(first, append=len(points))
     return np.add.reduceat(points, first) / count[:, None], joined[first[1:] - 1]
 
 
@@ -150,29 +165,27 @@ def _surface(points: Array, joined: NDArray[np.bool_], origin: Array,
     n = len(points)
     if n < 3:
         return np.zeros((n, 2)), 0.0
-    count, first = np.ones(n), np.zeros((n, 2))
-    second = np.zeros((n, 3))
-    for direction in (1, -1):
-        alive = np.ones(n, dtype=bool)
-        for k in range(1, reach + 1):
-            index = np.arange(n) + direction * k
-            link = np.clip(index - (direction > 0), 0, n - 2)
-            alive &= (index >= 0) & (index < n) & joined[link]
-            d = np.where(alive[:, None], points[np.clip(index, 0, n - 1)] - points, 0.0)
-            count += alive
-            first += d
-            second += np.column_stack([d[:, 0] ** 2, d[:, 0] * d[:, 1], d[:, 1] ** 2])
-    mean = first / count[:, None]
-    xx, xy, yy = (second / count[:, None]).T - np.array(
-        [mean[:, 0] ** 2, mean[:, 0] * mean[:, 1], mean[:, 1] ** 2])
+    x, y = points.T
+    sums, alive = np.zeros((6, n)), np.ones(n, bool)    # 1, x, y, xx, xy, yy of the neighbours
+    sums[0] = 1.0
+    for k in range(1, min(reach, n - 1) + 1):
+        alive = alive[:-1] & joined[k - 1:]
+        dx, dy = (x[k:] - x[:-k]) * alive, (y[k:] - y[:-k]) * alive
+        terms = np.array([alive, dx, dy, dx * dx, dx * dy, dy * dy])
+        sums[:, :-k] += terms
+        terms[1:3] *= -1.0
+        sums[:, k:] += terms
+    count = sums[0]
+    mx, my, xx, xy, yy = sums[1:] / count
+    xx, xy, yy = xx - mx * mx, xy - mx * my, yy - my * my
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)
     spread = np.sqrt((xx - yy) ** 2 + 4 * xy ** 2)
     flat = (count >= 4) & (spread > 0.8 * (xx + yy))
     normals = np.column_stack([-np.sin(angle), np.cos(angle)])
-    normals[((origin - points) * normals).sum(1) < 0] *= -1
-    normals = np.where(flat[:, None], normals, 0.0)
+    facing = (origin[0] - x) * normals[:, 0] + (origin[1] - y) * normals[:, 1]
+    normals *= (np.where(facing < 0, -1.0, 1.0) * flat)[:, None]
     across = np.maximum(0.5 * (xx + yy - spread), 0.0)[flat] * count[flat] / (count[flat] - 2.0)
-    return normals, float(np.sqrt(np.median(across))) if flat.any() else 0.0
+    return normals, float(np.sqrt(np.median(across))) if len(across) else 0.0
 
 
 def _walls(hits: Array, beams: NDArray[np.intp], ranges: Array) -> tuple[Array, Array]:
@@ -221,5 +234,8 @@ def _rim(placed: Array, reach: Array, origin: Array) -> Array:
     half = 0.5 * (placed[:-1] + placed[1:]) - origin
     length = np.maximum(np.hypot(half[:, 0], half[:, 1]), 1e-9)
     corner = origin + half * (near / length)[:, None]
-    order = np.concatenate([np.arange(len(placed), dtype=float), np.flatnonzero(jump) + 0.5])
-    return np.concatenate([[origin], np.concatenate([placed, corner[jump]])[np.argsort(order)]])
+    rim = np.empty((1 + len(placed) + np.count_nonzero(jump), 2))
+    index = np.arange(1, len(placed) + 1)
+    index[1:] += jump.cumsum()
+    rim[0], rim[index], rim[index[:-1][jump] + 1] = origin, placed, corner[jump]
+    return rim
