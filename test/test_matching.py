@@ -45,6 +45,8 @@ def test_the_search_finds_the_pose_wherever_the_seed_lies(dx, dy, dtheta):
     distance, angle = pose_error(peak.pose, truth)
     assert distance < 0.1 and angle < np.radians(3)
     assert peak.rival < 0.9 * peak.score
+    quick = search(scan, TARGET, truth + (dx, dy, dtheta), 1.2, 1.2, with_rival=False)
+    assert abs(quick.score - peak.score) < 1e-5, 'what is left out early holds nothing better'
 
 
 def test_a_corridor_says_nothing_along_itself():

@@ -3,8 +3,8 @@
 """
 Correlative scan matching: the best pose in a window, wherever the seed lies.
 
-Branch and bound over the likelihood field (Olson 2009; Hess et al. 2016): a coarse field that
-holds the maximum of each neighbourhood bounds the score from above, so the search is exact and
+Branch and bound over the likelihood field (Olson 2009; Hess et al. 2016): coarser fields that
+hold the maximum of each neighbourhood bound the score from above, so the search is exact and
 no seed can mislead it.
 """
 
@@ -13,17 +13,21 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from somfusion_ros.geometry import Array, rotation, wrap
 from somfusion_ros.slam.local_map import FIELD_STEP, LocalMap
 from somfusion_ros.slam.scan import Cloud
 
-BLOCK = 4         # fine cells along a coarse cell's edge
+BLOCKS = (16, 8, 4)  # fine cells along a node's edge, level by level
+BLOCK = BLOCKS[-1]
 BEAMS = 90        # points of a scan that are scored
-BATCH = 48        # coarse nodes opened at a time
+BATCH = 48        # finest nodes opened at a time
+MOST = 40         # such batches at most
+WIDE_BATCH = 96   # wider nodes opened at a time
+CHUNK = 1024      # nodes scored at a time
 Prior = Callable[[Array], Array]
+Nodes = NDArray[np.intp]  # (3, M): turn, and row and column of the first translation
 DISTINCT = (0.6, 0.2)  # [m] [rad] a rival is at least this far away
 
 
@@ -37,12 +41,13 @@ class Peak:
 
 
 def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: float,
-           prior: Prior | None = None) -> Peak:
+           prior: Prior | None = None, with_rival: bool = True) -> Peak:
     """
     Best pose of a scan within `reach` [m] and `turn` [rad] of the centre pose (3,).
 
     The angular step moves the farthest point by about one fine cell of the field. A prior takes
-    poses (n, 3) to factors (n,) of their score in 0..1, nearly constant over a coarse cell.
+    poses (n, 3) to factors (n,) of their score in 0..1, nearly constant over a finest node.
+    Without the rival, whatever cannot hold the best pose is left out early.
     """
     field, corner = target.field
     points = scan.points[np.linspace(0, len(scan) - 1, min(BEAMS, len(scan))).astype(int)]
@@ -50,69 +55,108 @@ def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: flo
     step = np.clip(1.5 * FIELD_STEP / max(arm, 0.5), 0.005, 0.05)
     turns = step * np.arange(-np.ceil(turn / step), np.ceil(turn / step) + 1)
     half = int(np.ceil(reach / (FIELD_STEP * BLOCK))) * BLOCK
+
+    def poses(nodes: Nodes) -> Array:
+        k, row, column = nodes
+        return centre + np.column_stack([(column - half) * FIELD_STEP, (row - half) * FIELD_STEP,
+                                         turns[k]])
+
     margin = 2 * half + BLOCK    # a point this far outside may still enter the field
     fine = cv2.copyMakeBorder(field, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=0)
-    bound = cv2.dilate(fine, np.ones((BLOCK, BLOCK), np.uint8), anchor=(0, 0))
     cells = _cells(points, centre[2] + turns, centre[:2] - corner, margin, half, fine.shape)
-    scores = _block_scores(bound, cells, half)
-    factors = np.ones_like(scores) if prior is None else _factors(prior, centre, turns, half)
-    scores = scores * factors
-    order = np.argsort(scores, axis=None)[::-1]
-    best, found, opened = -1.0, (0, 0, 0), []
-    for start in range(0, min(len(order), 40 * BATCH), BATCH):
-        nodes = order[start:start + BATCH]
-        if scores.flat[nodes[0]] <= best:
-            break
-        a, row, column = np.unravel_index(nodes, scores.shape)
-        values = _open(fine, cells[a], row * BLOCK, column * BLOCK)
-        values = values * factors.flat[nodes][:, None, None]
-        opened.append((values.max(axis=(1, 2)), a, row, column))
-        k = int(values.argmax())
-        if values.flat[k] > best:
-            best = float(values.flat[k])
-            node, dy, dx = np.unravel_index(k, values.shape)
-            found = (a[node], row[node] * BLOCK + dy, column[node] * BLOCK + dx)
-    pose = np.array([centre[0] + (found[2] - half) * FIELD_STEP,
-                     centre[1] + (found[1] - half) * FIELD_STEP,
-                     wrap(centre[2] + turns[found[0]])])
-    return Peak(pose, best, _rival(opened, found, turns))
-
-
-def _factors(prior: Prior, centre: Array, turns: Array, half: int) -> Array:
-    """Prior (A, B, B) of every coarse node."""
-    offset = np.arange(-half, half + 1, BLOCK) * FIELD_STEP
-    theta, y, x = np.meshgrid(turns, offset, offset, indexing='ij')
-    poses = centre + np.stack([x, y, theta], -1).reshape(-1, 3)
-    return prior(poses).reshape(theta.shape)
+    descent = _Descent(fine, cells, 2 * half, lambda nodes: (
+        1.0 if prior is None else prior(poses(nodes))))
+    descent.run(BLOCKS[-1:] if with_rival else BLOCKS)
+    pose = poses(descent.place)[0]
+    pose[2] = wrap(pose[2])
+    return Peak(pose, descent.best, descent.rival(turns))
 
 
 def _cells(points: Array, turns: Array, offset: Array, margin: int, half: int,
            shape: tuple[int, int]) -> NDArray[np.intp]:
-    """Cells (A, N, 2) row, column in the padded field, shifted to the window's first corner."""
+    """Cells (A, N) in the padded field, counted row by row, for the window's first corner."""
     p = points @ rotation(turns).transpose(0, 2, 1) + offset
     cells = np.floor(p[..., ::-1] / FIELD_STEP).astype(np.intp) + (margin - half)
-    return np.clip(cells, 0, np.array(shape) - (2 * half + BLOCK) - 1)
+    cells = np.clip(cells, 0, np.array(shape) - (2 * half + BLOCK) - 1)
+    return cells[..., 0] * shape[1] + cells[..., 1]
 
 
-def _block_scores(bound: Array, cells: NDArray[np.intp], half: int) -> Array:
-    """Upper bound of the score (A, B, B) of every turn and coarse translation."""
-    side = 2 * half + 1
-    windows = sliding_window_view(bound, (side, side))[:, :, ::BLOCK, ::BLOCK]
-    return np.stack([windows[turn[:, 0], turn[:, 1]].mean(0) for turn in cells])
+class _Descent:
+    """
+    Branch and bound: from coarse nodes to single cells, the most promising first.
+
+    fine (H, W) is the field, cells (A, N) the points of every turn in it, last the largest row
+    and column of the window; a factor in 0..1 of the score belongs to each finest node.
+    """
+
+    def __init__(self, fine: Array, cells: NDArray[np.intp], last: int,
+                 factor: Callable[[Nodes], Array | float]) -> None:
+        self._fine, self._cells, self._last, self._factor = fine, cells, last, factor
+        self._opened: list[tuple[Array, Nodes]] = []
+        self.best, self.place = -1.0, np.zeros((3, 1), np.intp)
+
+    def run(self, blocks: tuple[int, ...]) -> None:
+        """Find the best score and its place; blocks: edge of the nodes of each level."""
+        bounds = [cv2.dilate(self._fine, np.ones((block, block), np.uint8), anchor=(0, 0))
+                  for block in blocks]
+        offset = np.arange(0, self._last + 1, blocks[0])
+        nodes = np.reshape(np.meshgrid(np.arange(len(self._cells)), offset, offset,
+                                       indexing='ij'), (3, -1))
+        shift = (offset[:, None] * self._fine.shape[1] + offset).reshape(-1, 1)
+        flat, some = bounds[0].ravel(), max(1, CHUNK // shift.size)
+        scores = [flat.take(self._cells[k:k + some, None] + shift).mean(-1).ravel()
+                  for k in range(0, len(self._cells), some)]
+        self._descend(blocks, bounds, nodes, np.concatenate(scores))
+
+    def _descend(self, blocks: tuple[int, ...], bounds: list[Array], nodes: Nodes,
+                 scores: Array) -> None:
+        """Open those nodes (3, M) that may hold something better than the best yet."""
+        finest = len(blocks) == 1
+        factors = np.broadcast_to(self._factor(nodes) if finest else 1.0, scores.shape)
+        scores = scores * factors
+        order = np.argsort(scores)[::-1]
+        size = BATCH if finest else WIDE_BATCH
+        if finest:
+            order = order[:MOST * BATCH]
+        for start in range(0, len(order), size):
+            batch = order[start:start + size]
+            if scores[batch[0]] <= self.best:
+                break
+            if finest:
+                self._open(nodes[:, batch], factors[batch])
+            else:
+                batch = batch[scores[batch] > self.best]
+                children = _split(nodes[:, batch], blocks[0], blocks[1])
+                children = children[:, (children[1:] <= self._last).all(0)]
+                self._descend(blocks[1:], bounds[1:], children,
+                              self._scores(bounds[1], children))
+
+    def _open(self, nodes: Nodes, factors: Array) -> None:
+        """Score every cell of finest nodes."""
+        cells = _split(nodes, BLOCK, 1)
+        scores = self._scores(self._fine, cells) * factors.repeat(BLOCK ** 2)
+        self._opened.append((scores.reshape(-1, BLOCK ** 2).max(1), nodes))
+        k = int(scores.argmax())
+        if scores[k] > self.best:
+            self.best, self.place = float(scores[k]), cells[:, k:k + 1]
+
+    def _scores(self, field: Array, nodes: Nodes) -> Array:
+        """Mean (M,) of a field over the points, at each node."""
+        offset = nodes[1] * field.shape[1] + nodes[2]
+        return field.ravel().take(self._cells.take(nodes[0], 0) + offset[:, None]).mean(1)
+
+    def rival(self, turns: Array) -> float:
+        """Best score in the finest nodes opened that lie clearly elsewhere."""
+        scores = np.concatenate([scores for scores, _ in self._opened])
+        nodes = np.concatenate([nodes for _, nodes in self._opened], axis=1)
+        apart = np.hypot(*(nodes[1:] - self.place[1:])) * FIELD_STEP
+        turned = np.abs(turns[nodes[0]] - turns[self.place[0]])
+        elsewhere = (apart > DISTINCT[0]) | (turned > DISTINCT[1])
+        return float(scores[elsewhere].max()) if elsewhere.any() else 0.0
 
 
-def _open(fine: Array, cells: NDArray[np.intp], row: NDArray[np.intp],
-          column: NDArray[np.intp]) -> Array:
-    """Scores (K, BLOCK, BLOCK) of the fine translations inside K coarse nodes."""
-    windows = sliding_window_view(fine, (BLOCK, BLOCK))
-    return windows[cells[:, :, 0] + row[:, None], cells[:, :, 1] + column[:, None]].mean(1)
-
-
-def _rival(opened: list[tuple], found: tuple[int, int, int], turns: Array) -> float:
-    """Best score among the opened nodes that lie clearly elsewhere."""
-    if not opened:
-        return 0.0
-    value, a, row, column = (np.concatenate(part) for part in zip(*opened, strict=True))
-    apart = np.hypot(row * BLOCK - found[1], column * BLOCK - found[2]) * FIELD_STEP
-    elsewhere = (apart > DISTINCT[0]) | (np.abs(turns[a] - turns[found[0]]) > DISTINCT[1])
-    return float(value[elsewhere].max()) if elsewhere.any() else 0.0
+def _split(nodes: Nodes, block: int, smaller: int) -> Nodes:
+    """Nodes (3, M * k) of a smaller edge that make up nodes (3, M)."""
+    offset = np.arange(0, block, smaller)
+    inner = np.reshape(np.meshgrid(0, offset, offset, indexing='ij'), (3, 1, -1))
+    return (nodes[:, :, None] + inner).reshape(3, -1)

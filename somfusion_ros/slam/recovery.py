@@ -53,7 +53,8 @@ def attempts(scan: Cloud, target: LocalMap, first: Match, expected: Sequence[Arr
     for pose in expected:
         if all(not near(pose, other, APART) for other in centres):
             centres.append(pose)
-    peaks = [search(scan, target, centre, *window, prior=plausible) for centre in centres]
+    peaks = [search(scan, target, centre, *window, prior=plausible, with_rival=False)
+             for centre in centres]
     peak = max(peaks, key=lambda peak: peak.score)
     matches = [first, refine(scan, target, expected[0], hold),
                *(register(scan, target, pose) for pose in expected[1:]),

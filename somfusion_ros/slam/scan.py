@@ -107,7 +107,7 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
 
 @lru_cache(maxsize=8)
 def _directions(angle_min: float, angle_increment: float, beams: int) -> Array:
-    """Unit vectors (B, 2) along the beams in the laser frame; a laser's are always the same."""
+    """Give unit vectors (B, 2) along the beams in the laser frame, the same for every scan."""
     angles = angle_min + angle_increment * np.arange(beams)
     return np.column_stack([np.cos(angles), np.sin(angles)])
 
