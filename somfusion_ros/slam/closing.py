@@ -16,7 +16,7 @@ from somfusion_ros.geometry import apply, Array, between
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loops import Candidate, Loop
-from somfusion_ros.slam.matching import Match, refine, register
+from somfusion_ros.slam.matching import COARSE_GATE, Match, refine, register
 from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud
 
@@ -56,6 +56,8 @@ def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config
     if len(cloud) < FEWEST or len(target) < FEWEST:
         return None
     near = (candidate.sigma[:2] < NEAR[0]).all() and candidate.sigma[2] < NEAR[1]
+    if near and _within_reach(candidate, cloud, target) < config.loop_minimum_overlap:
+        return None
     found = (register(cloud, target, candidate.expected) if near else
              _match_far(candidate, cloud, target))
     if found is None or found.inlier_ratio < config.loop_minimum_overlap:
@@ -67,6 +69,13 @@ def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config
     R = RECENT_VIEWS * found.covariance
     return Loop(Relation(candidate.old, new, found.T_map_scan, R),
                 agreement, candidate.sure)
+
+
+def _within_reach(candidate: Candidate, cloud: Cloud, target: LocalMap) -> float:
+    """Share of the points that lie, as expected, so near the old surface that it draws them."""
+    p = apply(candidate.expected, cloud.points)
+    distance, _ = target.tree.query(p, distance_upper_bound=COARSE_GATE)
+    return float(np.isfinite(distance).mean())
 
 
 def agreement_of(found: Match, cloud: Cloud, target: LocalMap) -> float:

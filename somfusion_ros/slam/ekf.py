@@ -138,8 +138,10 @@ class DelayedStateEkf:
         """Covariance (3, 3) between views i and j, which are in P."""
         if self._slot[i] < self._slot[j]:
             return self.block(j, i).T
-        B = self._P[self._rows(i), self._rows(j)]
-        return np.tril(B) + np.tril(B, -1).T if i == j else B.copy()
+        B = self._P[self._rows(i), self._rows(j)].copy()
+        if i == j:
+            B[0, 1], B[0, 2], B[1, 2] = B[1, 0], B[2, 0], B[2, 1]
+        return B
 
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
         """Pose (3,) of view j seen from view i, and its covariance (3, 3)."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The surface that a few neighbouring views saw together: what a scan is matched against."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 import cv2
@@ -28,18 +28,21 @@ class LocalMap:
     Tree and field are built on first use; the map is never changed after.
     """
 
-    def __init__(self, points: Array, normals: Array, rims: Sequence[Array] = ()) -> None:
+    def __init__(self, points: Array, normals: Array, rims: Iterable[Array] = ()) -> None:
         self.points, self.normals, self._rims = points, normals, rims
 
     @classmethod
     def of_views(cls, clouds: Sequence[Cloud], poses: Sequence[Array]) -> 'LocalMap':
         """Put clouds together, each at its pose (3,) in the local map's frame."""
-        points, normals, rims = [np.empty((0, 2))], [np.empty((0, 2))], []
-        for view, pose in zip(clouds, poses, strict=True):
-            R = rotation(pose[2])
-            points.append(view.points @ R.T + pose[:2])
-            normals.append(view.normals @ R.T)
-            rims.append(view.rim @ R.T + pose[:2])
+        if not clouds:
+            return cls(np.empty((0, 2)), np.empty((0, 2)))
+        turns = [rotation(pose[2]).T for pose in poses]
+        points = [view.points @ turn + pose[:2]
+                  for view, turn, pose in zip(clouds, turns, poses, strict=True)]
+        normals = [view.normals @ turn for view, turn in zip(clouds, turns, strict=True)]
+        # Few local maps are asked for the space that was seen through.
+        rims = (view.rim @ turn + pose[:2]
+                for view, turn, pose in zip(clouds, turns, poses, strict=True))
         return cls(np.concatenate(points), np.concatenate(normals), rims)
 
     def __len__(self) -> int:
@@ -93,7 +96,7 @@ def lift(points: Array) -> object:
     return kiss_icp_pybind._Vector3dVector(np.column_stack([points, np.zeros(len(points))]))
 
 
-def _fill(rims: Sequence[Array]) -> tuple[NDArray[np.uint8], Array]:
+def _fill(rims: Iterable[Array]) -> tuple[NDArray[np.uint8], Array]:
     """Mask (H, W) of the cells of FREE_STEP that polygons (M, 2) cover, and its corner [m]."""
     rims = [rim for rim in rims if len(rim)] or [np.zeros((1, 2))]
     every = np.concatenate(rims)

@@ -6,11 +6,12 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import cos, hypot, sin
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from somfusion_ros.geometry import Array, between, compose, rotation, wrap
+from somfusion_ros.geometry import Array, between, compose, wrap
 
 HISTORY = 20000  # odometry samples kept for scans that come late
 TWIST_SPAN = 0.2  # [s] least time over which a twist is measured: samples may arrive in bursts
@@ -163,32 +164,41 @@ class WheelOdometry:
 
 def swept(twist: Array, time: float) -> Array:
     """Pose (3,) after a time [s] at constant twist (3,): the chord of an arc."""
-    half = 0.5 * twist[2] * time
-    return time * np.append(np.sinc(half / np.pi) * rotation(half) @ twist[:2], twist[2])
+    vx, vy, rate = twist.tolist()
+    half = 0.5 * rate * time
+    c, s, chord = cos(half), sin(half), time * _chord(half)
+    return np.array((chord * (c * vx - s * vy), chord * (s * vx + c * vy), time * rate))
 
 
 def mean_twist(step: Array, time: float) -> Array:
     """Constant twist (3,) that sweeps a step (3,) in a time [s]."""
-    half = 0.5 * wrap(step[2])
-    return np.append(rotation(-half) @ step[:2] / np.sinc(half / np.pi), 2.0 * half) / time
+    x, y, theta = step.tolist()
+    half = 0.5 * wrap(theta)
+    c, s, chord = cos(half), sin(half), time * _chord(half)
+    return np.array(((c * x + s * y) / chord, (c * y - s * x) / chord, 2.0 * half / time))
 
 
 def arc(travel: float, turn: float) -> Array:
     """Pose (3,) after driving `travel` [m] on a circle while turning by `turn` [rad]."""
     half = 0.5 * turn
-    chord = travel * np.sinc(half / np.pi)
-    return np.array([chord * np.cos(half), chord * np.sin(half), turn])
+    chord = travel * _chord(half)
+    return np.array((chord * cos(half), chord * sin(half), turn))
+
+
+def _chord(half: float) -> float:
+    """Length of a chord over that of its arc, for half the angle [rad]."""
+    return sin(half) / half if half else 1.0
 
 
 def increment_covariance(step: Array, noise: MotionNoise) -> Array:
     """Covariance (3, 3) of an odometry increment, growing with travel and turn."""
-    travel, turn = float(np.hypot(step[0], step[1])), abs(float(wrap(step[2])))
+    x, y, theta = step.tolist()
+    travel, turn = hypot(x, y), abs(wrap(theta))
     along = noise.along * travel + noise.floor
     across = noise.across * travel + noise.floor
     heading = noise.heading * travel + noise.turn * turn + noise.floor_heading
-    c, s = (step[0] / travel, step[1] / travel) if travel > 1e-9 else (1.0, 0.0)
-    R = np.array([[c, -s], [s, c]])
-    Q = np.zeros((3, 3))
-    Q[:2, :2] = R @ np.diag([along ** 2, across ** 2]) @ R.T
-    Q[2, 2] = heading ** 2
-    return Q
+    c, s = (x / travel, y / travel) if travel > 1e-9 else (1.0, 0.0)
+    a, b = along ** 2, across ** 2
+    xy = c * s * (a - b)
+    return np.array(((c * c * a + s * s * b, xy, 0.0), (xy, s * s * a + c * c * b, 0.0),
+                     (0.0, 0.0, heading ** 2)))
