@@ -117,6 +117,19 @@ def between_jacobians(T_w_a: ArrayLike, T_w_b: ArrayLike) -> tuple[Array, Array]
     return first, second
 
 
+def squared_mahalanobis(y: Array, S: Array) -> float:
+    """Distance y' inv(S) y of three numbers (3,) with positive definite covariance S (3, 3)."""
+    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
+    y0, y1, y2 = y.tolist()
+    p, q = b / a, c / a                       # S = L D L', solved forward
+    d -= p * b
+    r = (e - q * b) / d
+    f -= q * c + r * r * d
+    y1 -= p * y0
+    y2 -= q * y0 + r * y1
+    return y0 * y0 / a + y1 * y1 / d + y2 * y2 / f
+
+
 def fit(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None) -> Pose:
     """
     Least-squares T_target_source of matched points (Umeyama 1991 without scale).

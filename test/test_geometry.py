@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import (
     apply, between, between_jacobians, compose, compose_jacobians, fit, inverse, Pose, rotation,
-    wrap)
+    squared_mahalanobis, wrap)
 
 number = st.floats(-50.0, 50.0)
 pose = st.tuples(number, number, st.floats(-10.0, 10.0)).map(np.array)
@@ -80,3 +80,21 @@ def test_a_pose_must_be_finite(bad):
 
 def test_rotation_turns_counter_clockwise():
     np.testing.assert_allclose(rotation(np.pi / 2) @ [1.0, 0.0], [0.0, 1.0], atol=1e-12)
+
+
+@given(pose, pose)
+def test_single_poses_give_what_arrays_of_poses_give(a, b):
+    for one, many in ((compose(a, b), compose(a[None], b[None])[0]),
+                      (between(a, b), between(a[None], b[None])[0]),
+                      (inverse(a), inverse(a[None])[0])):
+        np.testing.assert_allclose(one[:2], many[:2], atol=1e-12)
+        assert abs(wrap(one[2] - many[2])) < 1e-12
+    np.testing.assert_allclose(rotation(a[2]), rotation(a[2:])[0], atol=1e-15)
+
+
+@given(st.integers(0, 999), st.floats(-3.0, 6.0))
+def test_mahalanobis_distance_is_that_of_the_inverse(seed, exponent):
+    rng = np.random.default_rng(seed)
+    A, y = rng.normal(size=(3, 3)), rng.normal(size=3)
+    S = A @ A.T + np.diag([1e-3, 1e-3, 1e-3]) + np.diag([10.0 ** exponent, 0.0, 0.0])
+    np.testing.assert_allclose(squared_mahalanobis(y, S), y @ np.linalg.solve(S, y), rtol=1e-6)

@@ -5,6 +5,7 @@
 from helpers import fake_room, fake_scan, pose_error
 from hypothesis import given, settings, strategies as st
 import numpy as np
+import pytest
 from somfusion_ros.geometry import between
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.local_map import LocalMap
@@ -47,6 +48,17 @@ def test_the_search_finds_the_pose_wherever_the_seed_lies(dx, dy, dtheta):
     assert peak.rival < 0.9 * peak.score
     quick = search(scan, TARGET, truth + (dx, dy, dtheta), 1.2, 1.2, with_rival=False)
     assert abs(quick.score - peak.score) < 1e-5, 'what is left out early holds nothing better'
+
+
+@pytest.mark.parametrize('axis', range(3))
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_a_seed_that_is_not_finite_matches_nothing(axis, value):
+    """kiss-icp itself would abort the process."""
+    seed = np.array([2.0, 1.8, 0.2])
+    scan = cloud(fake_scan(ROOM, seed), 30.0)
+    seed[axis] = value
+    match = register(scan, TARGET, seed)
+    assert match.inlier_ratio == 0.0 and not match.information.any()
 
 
 def test_a_corridor_says_nothing_along_itself():

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import apply, Array, between, compose, inverse, wrap
+from somfusion_ros.geometry import (
+    apply, Array, between, compose, inverse, squared_mahalanobis, wrap)
 from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud
 
@@ -131,8 +132,7 @@ class LoopClosure:
     def trusted(self, loop: Loop, ekf: Estimate) -> list[Relation]:
         """Relations that may now enter the filter: this loop, and those it confirms."""
         y, S = ekf.innovation(loop.relation)
-        distance = float(y @ np.linalg.solve(S, y))
-        if loop.sure and distance < CHI2:
+        if loop.sure and squared_mahalanobis(y, S) < CHI2:
             return [loop.relation]
         self._pending = [p for p in self._pending
                          if loop.relation.second - p.relation.second <= RECENT]

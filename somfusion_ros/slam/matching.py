@@ -21,6 +21,7 @@ from somfusion_ros.slam.scan import Cloud
 
 COARSE_GATE, COARSE_KERNEL = 0.5, 0.15  # [m] of kiss-icp's correspondences
 GATES = (0.25, 0.12, 0.10)  # [m] of the refinement's correspondences, narrowing
+FEWEST = 8                              # points that can be matched
 SAME_SIDE = 0.5                         # cosine: normals that differ more are another surface
 RANGE_SIGMA = 0.02                      # [m] of one matched point, for the hold on the seed
 LEAST_SIGMA = 0.005                     # [m] of one matched point, however smooth the scan
@@ -83,8 +84,8 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
         np.copyto(n, own, where=target.bare[nearest, None])
         found &= (_dot(n, own) > SAME_SIDE) | scan.bare
         inliers = np.count_nonzero(found)
-        if inliers < 8:
-            return Match(x, np.zeros((3, 3)), 0.0, np.inf)
+        if inliers < FEWEST:
+            return _unmatched(x)
         e = _dot(n, p - target.points.take(nearest, 0))
         w = found / (1.0 + (e / (0.3 * gate)) ** 2) ** 2
         J = _jacobian(n, arm)
@@ -132,7 +133,16 @@ def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
 
 
 def register(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None) -> Match:
-    """Register with kiss-icp from the seed (3,), then refine."""
-    if len(scan) < 8 or len(target) < 8:
-        return Match(np.array(seed, dtype=float), np.zeros((3, 3)), 0.0, np.inf)
+    """
+    Register with kiss-icp from the seed (3,), then refine.
+
+    A seed that is not finite matches nothing: kiss-icp would end the whole process over it.
+    """
+    if min(len(scan), len(target)) < FEWEST or not np.isfinite(seed).all():
+        return _unmatched(seed)
     return refine(scan, target, coarse(scan, target, seed), hold)
+
+
+def _unmatched(pose: Array) -> Match:
+    """Say that nothing of the scan matches at a pose (3,)."""
+    return Match(np.array(pose, dtype=float), np.zeros((3, 3)), 0.0, np.inf)

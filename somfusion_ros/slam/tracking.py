@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import Array, between, compose, compose_jacobians, wrap
+from somfusion_ros.geometry import (
+    Array, between, compose, compose_jacobians, squared_mahalanobis, wrap)
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.error_model import (
     along, HANDED_ON, ScaleError, sweep_covariance, turned)
@@ -229,7 +230,7 @@ class Tracker:
     def _disagreement(self, match: Match, expected: Array | None = None) -> float:
         """Squared Mahalanobis distance between a match and the prediction, or another pose."""
         y = self._innovation(match, self.T_view_base if expected is None else expected)
-        return float(y @ np.linalg.solve(self.P + match.covariance, y))
+        return squared_mahalanobis(y, self.P + match.covariance)
 
     @staticmethod
     def _innovation(match: Match, expected: Array) -> Array:
