@@ -79,7 +79,7 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     grid = slam.grid()
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
-    all_stamps, poses = _dense(slam, buffer)
+    all_stamps, poses = dense(*slam.trajectory(), buffer)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
                     np.asarray(odometry, dtype=float).reshape(-1, 3),
@@ -87,9 +87,8 @@ def run_robot(log: Log, config: SlamConfig | None = None,
                     log.duration, seconds, history)
 
 
-def _dense(slam: Slam, buffer: OdometryBuffer) -> tuple[Array, Array]:
-    """Stamps and poses of every scan and, between them, of the odometry that is still kept."""
-    stamps, poses = slam.trajectory()
+def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, Array]:
+    """Add to the scans' stamps (n,) and poses (n, 3) those of the odometry that is still kept."""
     covered = np.flatnonzero([buffer.covers(t) for t in stamps])
     if not len(covered):
         return stamps, poses
