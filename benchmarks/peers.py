@@ -130,7 +130,8 @@ class Yag:
     def _range_scan(self, scan: Scan, odometry: Odometry) -> object:
         from yag_slam.models import LocalizedRangeScan
         self._T_laser_base = inverse(scan.T_base_laser)
-        ranges = np.where(np.isfinite(scan.ranges), scan.ranges, 2.0 * MAX_RANGE)
+        returned = (scan.ranges >= scan.range_min) & (scan.ranges < scan.range_max)
+        ranges = np.where(returned, scan.ranges, 2.0 * MAX_RANGE)   # beyond its range_threshold
         last = scan.angle_min + scan.angle_increment * (len(ranges) - 1)
         return LocalizedRangeScan(ranges.tolist(), scan.angle_min, last, scan.angle_increment,
                                   scan.range_min, scan.range_max,
