@@ -89,7 +89,7 @@ def steps(trial: Trial, beside: bool) -> tuple[Array, Slam, list[float]]:
     worker = Thread(target=work)
     if beside:
         worker.start()
-    for sample in zip(trial.odometry_stamps, trial.odometry, trial.wheels, strict=True):
+    for sample in zip(trial.odometry_stamps, trial.odometry, trial.slip, strict=True):
         buffer.add(*sample)
     for scan in trial.scans:
         odometry = buffer.at(scan.stamp)

@@ -8,8 +8,8 @@ from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import between, compose, wrap
-from somfusion_ros.slam.motion import arc, increment_covariance, MotionNoise
-from somfusion_ros.slam.motion import OdometryBuffer, WheelOdometry
+from somfusion_ros.slam.motion import (
+    arc, increment_covariance, MotionNoise, Odometry, OdometryBuffer, WHEEL_SLIP, WheelOdometry)
 
 
 def filled(count: Counter) -> OdometryBuffer:
@@ -107,6 +107,38 @@ def test_a_wheel_without_a_number_is_skipped():
     wheels.update(0.0, 0.0)
     assert np.isnan(wheels.update(np.nan, 1.0)).all()
     np.testing.assert_allclose(wheels.update(1.0, 1.0), (0.1, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('rounds, straight', [(10, 0.0), (0, 40.0), (3, 20.0)])
+def test_the_slip_of_each_wheel_gives_an_honest_covariance(rounds, straight):
+    """Of 300 drives, turning in place or not, the mean NEES of travel and turn is that of two."""
+    rng, steps = np.random.default_rng(0), 400
+    turn, travel = np.full(steps, 2.0 * np.pi * rounds / steps), np.full(steps, straight / steps)
+    true = np.column_stack([travel - 0.2 * turn, travel + 0.2 * turn])
+    nees = []
+    for _ in range(300):
+        real = true + rng.normal(size=true.shape) * WHEEL_SLIP * np.sqrt(np.abs(true))
+        wheels = WheelOdometry(0.1, 0.4)
+        for angles in np.cumsum(np.vstack([np.zeros(2), real]), axis=0) / 0.1:
+            wheels.update(*angles)
+        xx, xy, yy = wheels.slip
+        told = real.sum(0) @ np.array([[0.5, -2.5], [0.5, 2.5]])
+        e = told - (travel.sum(), turn.sum())
+        nees.append(e @ np.linalg.solve([[xx, xy], [xy, yy]], e))
+    assert 1.7 < np.mean(nees) < 2.35, 'a mean of 2; the band of 300 drives is 1.78 .. 2.23'
+
+
+@pytest.mark.parametrize('readings', [50, 500])
+def test_turning_in_place_is_as_uncertain_however_often_it_is_read(readings):
+    wheels, quiet, variance = WheelOdometry(0.1, 0.4), MotionNoise(floor=0, floor_heading=0), 0.0
+    last = Odometry(0.0, wheels.update(0.0, 0.0), np.zeros(3), wheels.slip)
+    for turn in np.linspace(0.0, 20.0 * np.pi, readings + 1)[1:]:
+        now = Odometry(turn, wheels.update(-2.0 * turn, 2.0 * turn), np.zeros(3), wheels.slip)
+        step = between(last.pose, now.pose)
+        variance += increment_covariance(step, quiet, now.slip_since(last))[2, 2]
+        last = now
+    way = 20.0 * np.pi * 0.2                  # [m] that each wheel goes in ten turns
+    assert variance == pytest.approx(2.0 * WHEEL_SLIP ** 2 * way / 0.4 ** 2)
 
 
 def test_wheels_need_a_size():

@@ -17,7 +17,7 @@ from somfusion_ros.slam.motion import WheelOdometry
 
 class OdometryInput:
     """
-    Hears odometry and hands it on as `take(stamp [s], T_odom_base (3,), wheels (2,) or None)`.
+    Hears odometry and hands it on as `take(stamp [s], T_odom_base (3,), slip (3,) or None)`.
 
     What cannot be used is counted. heard [s, steady clock] is when odometry was heard last.
     """
@@ -55,8 +55,8 @@ class OdometryInput:
         except ValueError as error:
             self._count('wheels_unusable', str(error))
             return
-        self._hand_on(stamp, self._wheels.update(*wheels), wheels)
+        self._hand_on(stamp, self._wheels.update(*wheels), self._wheels.slip)
 
-    def _hand_on(self, stamp: float, pose: Array, wheels: Array | None) -> None:
+    def _hand_on(self, stamp: float, pose: Array, slip: Array | None) -> None:
         self.heard = time.monotonic()
-        self._take(stamp, pose, wheels)
+        self._take(stamp, pose, slip)

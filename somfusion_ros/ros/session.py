@@ -60,10 +60,10 @@ class Session:
             self._config = config
             self.slam.configure(config)
 
-    def add_odometry(self, stamp: float, pose: Array, wheels: Array | None = None) -> None:
+    def add_odometry(self, stamp: float, pose: Array, slip: Array | None = None) -> None:
         """Take T_odom_base (3,) at a stamp [s]."""
         with self._lock:
-            self._add_odometry(stamp, pose, wheels)
+            self._add_odometry(stamp, pose, slip)
 
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
         """Take a scan; the tag comes back with its step. now [s] is any steady time."""
@@ -98,7 +98,7 @@ class Session:
         self._last_pose = odometry[1:4]
         self._resumed = True
 
-    def _add_odometry(self, stamp: float, pose: Array, wheels: Array | None) -> None:
+    def _add_odometry(self, stamp: float, pose: Array, slip: Array | None) -> None:
         """Keep odometry unless its stamp is stray."""
         word = self._odometry_guard.check(stamp)
         if word == 'stray':
@@ -109,7 +109,7 @@ class Session:
             self._buffer.clear()
             self._jumps['odometry'] += 1
             self._hold_until = -np.inf
-        self._buffer.add(stamp, pose, wheels)
+        self._buffer.add(stamp, pose, slip)
 
     def _add_scan(self, scan: Scan, tag: Any, now: float) -> None:
         """Let a scan wait unless its stamp is stray."""

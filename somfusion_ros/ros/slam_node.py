@@ -122,9 +122,9 @@ class SlamNode(Node):
                                   'set laser_pose')
         return mount
 
-    def _on_odometry(self, stamp: float, pose: Array, wheels: Array | None) -> None:
+    def _on_odometry(self, stamp: float, pose: Array, slip: Array | None) -> None:
         """Keep a pose of the wheel odometry."""
-        self._session.add_odometry(stamp, pose, wheels)
+        self._session.add_odometry(stamp, pose, slip)
         self._tracker.wake()
 
     def _process(self) -> bool:

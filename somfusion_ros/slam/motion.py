@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from somfusion_ros.geometry import Array, between, compose, wrap
 
 HISTORY = 20000  # odometry samples kept for scans that come late
+WHEEL_SLIP = 0.02  # [m] of a wheel's random slip after one metre of its travel
 TWIST_SPAN = 0.2  # [s] least time over which a twist is measured: samples may arrive in bursts
 
 
@@ -23,13 +24,20 @@ class Odometry:
     The robot's odometry at one moment.
 
     stamp [s], pose T_odom_base (3,), twist (3,) [m/s, m/s, rad/s] in the base frame, and, where
-    it comes from encoders, the wheel positions (2,) left, right [rad].
+    it comes from encoders, slip (3,): the covariance of travel and turn that the wheels' slip
+    has added up to, var(travel) [m^2], cov(travel, turn) [m rad], var(turn) [rad^2].
     """
 
     stamp: float
     pose: Array
     twist: Array
-    wheels: Array | None = None
+    slip: Array | None = None
+
+    def slip_since(self, previous: 'Odometry') -> Array | None:
+        """Slip (3,) since an earlier moment; None where it is not known of both."""
+        if self.slip is None or previous.slip is None or self.slip[2] < previous.slip[2]:
+            return None
+        return self.slip - previous.slip
 
     def fault(self) -> str:
         """Name what makes the odometry unusable, '' if nothing does."""
@@ -83,7 +91,7 @@ class OdometryBuffer:
         self._samples.clear()
         self._stamps.clear()
 
-    def add(self, stamp: float, pose: ArrayLike, wheels: ArrayLike | None = None) -> bool:
+    def add(self, stamp: float, pose: ArrayLike, slip: ArrayLike | None = None) -> bool:
         """Keep T_odom_base (3,) at a stamp [s]; return whether it could be used."""
         pose = np.asarray(pose, dtype=float)
         if pose.shape != (3,) or not np.isfinite(pose).all() or not np.isfinite(stamp):
@@ -93,7 +101,7 @@ class OdometryBuffer:
             self._count('odometry_stamps_repeated' if stamp == self._stamps[-1]
                         else 'odometry_stamps_backward')
             return False
-        self._samples.append((stamp, pose, None if wheels is None else np.array(wheels, float)))
+        self._samples.append((stamp, pose, None if slip is None else np.array(slip, float)))
         self._stamps.append(stamp)
         return True
 
@@ -109,11 +117,11 @@ class OdometryBuffer:
             return None
         after = max(1, bisect_left(self._stamps, stamp))
         near = after - (stamp - self._stamps[after - 1] < self._stamps[after] - stamp)
-        t, pose, wheels = self._samples[near]
+        t, pose, slip = self._samples[near]
         ahead = stamp + self.lag - t
-        twist, turning = self._rates(near, ahead)
+        twist, growth = self._rates(near, ahead)
         return Odometry(stamp, compose(pose, swept(twist, ahead)), twist,
-                        None if turning is None else wheels + turning * ahead)
+                        None if growth is None else slip + growth * ahead)
 
     def covers(self, stamp: float) -> bool:
         """Tell whether the samples reach from before the stamp to after it plus lag."""
@@ -125,7 +133,7 @@ class OdometryBuffer:
         return bool(self._stamps) and stamp < self._stamps[0]
 
     def _rates(self, near: int, ahead: float) -> tuple[Array, Array | None]:
-        """Mean twist (3,) and wheel rates (2,) from sample `near` to `ahead` [s] of it."""
+        """Mean twist (3,) and growth of slip (3,) from sample `near` to `ahead` [s] of it."""
         target, last = self._stamps[near] + ahead, near
         while last == 0 or self._stamps[last] < target:
             last += 1
@@ -133,14 +141,19 @@ class OdometryBuffer:
         while first > 0 and (self._stamps[first] > target
                              or self._stamps[last] - self._stamps[first] < TWIST_SPAN):
             first -= 1
-        (t0, pose0, wheels0), (t1, pose1, wheels1) = self._samples[first], self._samples[last]
+        (t0, pose0, slip0), (t1, pose1, slip1) = self._samples[first], self._samples[last]
         dt = t1 - t0
-        turned = None if wheels0 is None or wheels1 is None else (wheels1 - wheels0) / dt
-        return mean_twist(between(pose0, pose1), dt), turned
+        growth = None if slip0 is None or slip1 is None else (slip1 - slip0) / dt
+        return mean_twist(between(pose0, pose1), dt), growth
 
 
 class WheelOdometry:
-    """Dead reckoning of a differential drive from two wheel encoders (section II-A)."""
+    """
+    Dead reckoning of a differential drive from two wheel encoders (section II-A).
+
+    Each wheel slips at random with its own travel (Chong and Kleeman 1997): slip (3,) is what
+    that has added up to in the covariance of travel and turn, as in `Odometry`.
+    """
 
     def __init__(self, wheel_radius: float, wheel_separation: float) -> None:
         if not (wheel_radius > 0 and wheel_separation > 0):
@@ -148,7 +161,7 @@ class WheelOdometry:
                              f'{wheel_radius}, {wheel_separation}')
         self._radius, self._separation = wheel_radius, wheel_separation
         self._last: Array | None = None
-        self._pose = np.zeros(3)
+        self._pose, self.slip = np.zeros(3), np.zeros(3)
 
     def update(self, left: float, right: float) -> Array:
         """Integrate wheel positions [rad]; return T_odom_base (3,). NaN is passed on."""
@@ -156,6 +169,9 @@ class WheelOdometry:
         if self._last is not None and np.isfinite(wheels).all():
             dl, dr = self._radius * (wheels - self._last)
             self._pose = compose(self._pose, arc(0.5 * (dl + dr), (dr - dl) / self._separation))
+            left, right, b = WHEEL_SLIP ** 2 * abs(dl), WHEEL_SLIP ** 2 * abs(dr), self._separation
+            self.slip = self.slip + (
+                0.25 * (left + right), 0.5 * (right - left) / b, (left + right) / b ** 2)
         if not np.isfinite(wheels).all():
             return np.full(3, np.nan)
         self._last = wheels
@@ -190,15 +206,25 @@ def _chord(half: float) -> float:
     return sin(half) / half if half else 1.0
 
 
-def increment_covariance(step: Array, noise: MotionNoise) -> Array:
-    """Covariance (3, 3) of an odometry increment, growing with travel and turn."""
+def increment_covariance(step: Array, noise: MotionNoise, slip: Array | None = None) -> Array:
+    """
+    Covariance (3, 3) of an odometry increment.
+
+    It grows with travel and turn, or, where both wheels are known, by the slip (3,) that they
+    had meanwhile. A turn that is wrong shows in part across the travel.
+    """
     x, y, theta = step.tolist()
-    travel, turn = hypot(x, y), abs(wrap(theta))
-    along = noise.along * travel + noise.floor
+    travel, turn = hypot(x, y), wrap(theta)
     across = noise.across * travel + noise.floor
-    heading = noise.heading * travel + noise.turn * turn + noise.floor_heading
-    c, s = (x / travel, y / travel) if travel > 1e-9 else (1.0, 0.0)
-    a, b = along ** 2, across ** 2
-    xy = c * s * (a - b)
-    return np.array(((c * c * a + s * s * b, xy, 0.0), (xy, s * s * a + c * c * b, 0.0),
-                     (0.0, 0.0, heading ** 2)))
+    if slip is None:
+        along = noise.along * travel + noise.floor
+        heading = noise.heading * travel + noise.turn * abs(turn) + noise.floor_heading
+        P = np.diag((along ** 2, across ** 2, heading ** 2))
+        c, s = (x / travel, y / travel) if travel > 1e-9 else (1.0, 0.0)
+    else:
+        along, both, heading = slip.tolist()
+        P = np.diag((along + noise.floor ** 2, across ** 2, heading + noise.floor_heading ** 2))
+        P[0, 2] = P[2, 0] = both
+        c, s = cos(0.5 * turn), sin(0.5 * turn)
+    T = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+    return T @ P @ T.T

@@ -153,7 +153,7 @@ class Tracker:
         if previous is None:
             return ''
         step = self.calibration.correct(between(previous.pose, odometry.pose))
-        Q = increment_covariance(step, self._noise)
+        Q = increment_covariance(step, self._noise, odometry.slip_since(previous))
         dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
         self._unseen += dt
         reason = ''

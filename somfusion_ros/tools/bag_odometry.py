@@ -61,7 +61,7 @@ class Encoders:
         wheels = positions[[left, right]]
         when = stamp(message.header, log_time)
         pose = np.asarray(self._wheels.update(*wheels), dtype=float)
-        return Odometry(when, pose, self._differences(when, pose), wheels)
+        return Odometry(when, pose, self._differences(when, pose), self._wheels.slip)
 
 
 def find_wheels(names: list[str]) -> tuple[int | None, int | None]:

@@ -110,7 +110,7 @@ def paired(log: Log, buffer: OdometryBuffer,
         if isinstance(record, Scan):
             waiting.append(record)
         else:
-            buffer.add(record.stamp, record.pose, record.wheels)
+            buffer.add(record.stamp, record.pose, record.slip)
         while waiting and (buffer.covers(waiting[0].stamp) or buffer.passed(waiting[0].stamp)):
             scan = waiting.popleft()
             yield from _with(scan, buffer.at(scan.stamp), counters)
@@ -134,7 +134,7 @@ def _extrapolated(buffer: OdometryBuffer, stamp: float) -> Odometry | None:
     if last is None or not 0.0 <= stamp - last.stamp <= LATE_ODOMETRY:
         return None
     step = np.asarray(last.twist) * (stamp - last.stamp)
-    return Odometry(stamp, compose(last.pose, step), last.twist, last.wheels)
+    return Odometry(stamp, compose(last.pose, step), last.twist, last.slip)
 
 
 def _count(counters: dict[str, int], name: str) -> None:

@@ -26,13 +26,14 @@ class Trial:
     """
     What the sensors told on one drive, and the truth.
 
-    Scans; odometry stamps (M,) [s], poses (M, 3) and wheels (M, 2) [rad]; true stamps (T,) [s]
-    and poses (T, 3) in the frame of the first scan.
+    Scans; odometry stamps (M,) [s], poses (M, 3), slip (M, 3) as in `Odometry`, and wheels (M, 2)
+    [rad]; true stamps (T,) [s] and poses (T, 3) in the frame of the first scan.
     """
 
     scans: list[Scan]
     odometry_stamps: Array
     odometry: Array
+    slip: Array
     wheels: Array
     stamps: Array
     poses: Array
@@ -83,19 +84,20 @@ def simulate_trial(scenery: Scenery, stamps: Array, poses: Array, laser: Laser,
     """
     angles = drive.encoders(poses, wheels, rng, slip)[::ODOMETRY_EVERY]
     reckoning = WheelOdometry(drive.NOMINAL.left, drive.NOMINAL.separation)
-    odometry = np.array([reckoning.update(*pair) for pair in angles])
+    odometry, slips = (np.array(part) for part in zip(
+        *((reckoning.update(*pair), reckoning.slip) for pair in angles), strict=True))
     scans, beams = [], laser.beam_times()
     for start in np.arange(0.0, stamps[-1] - beams[-1], laser.period):
         scans.append(laser.scan(start, scenery(start), drive.at(stamps, poses, start + beams),
                                 rng))
-    return Trial(scans, stamps[::ODOMETRY_EVERY], odometry, angles, stamps,
+    return Trial(scans, stamps[::ODOMETRY_EVERY], odometry, slips, angles, stamps,
                  between(poses[0], poses))
 
 
 def run_trial(trial: Trial, config: SlamConfig | None = None, slam: Slam | None = None) -> Outcome:
     """Run the SLAM over a trial, and compare with the truth."""
     slam, buffer, steps = slam or Slam(config), OdometryBuffer(), []
-    for sample in zip(trial.odometry_stamps, trial.odometry, trial.wheels, strict=True):
+    for sample in zip(trial.odometry_stamps, trial.odometry, trial.slip, strict=True):
         buffer.add(*sample)
     for scan in trial.scans:
         buffer.lag = slam.odometry_lag
