@@ -3,8 +3,9 @@
 """
 Study simulated drives by the dozen: honest covariance, and rooms that look alike.
 
-usage: python benchmarks/trials.py [nees [RUNS]] [lookalikes [RUNS]]     (default: nees 50
-lookalikes 200; about 5 and 7 minutes of one core)
+usage: python benchmarks/trials.py [nees [RUNS [FIRST]]] [lookalikes [RUNS [FIRST]]]
+(default: nees 50 lookalikes 200; about 5 and 7 minutes of one core; FIRST: number of the first
+run, 0; other numbers are other worlds, drives and noises)
 
 nees prints the mean normalised estimation error squared of the current pose over the runs, at
 several moments of a drive, with the band in which it lies in 95 % of all studies if the
@@ -111,10 +112,10 @@ def look_alike_trial(number: int) -> tuple[Counter[str], Outcome]:
     return counts, run_trial(trial, slam=slam)
 
 
-def print_consistency(runs: int) -> None:
+def print_consistency(runs: int, first: int = 0) -> None:
     """Print the table of NEES."""
     rows: dict[str, list[Array]] = {}
-    for name, nees, _ in consistency(range(runs)):
+    for name, nees, _ in consistency(range(first, first + runs)):
         rows.setdefault(name, []).append(nees)
     print('NEES of the current pose, 3 degrees of freedom; after share of the drive:')
     print(f'{"":22} runs ' + ' '.join(f'{moment:6.2f}' for moment in MOMENTS))
@@ -126,10 +127,10 @@ def print_consistency(runs: int) -> None:
     print(f'95 % band of the mean over {runs} runs: {low:.2f} .. {high:.2f}', flush=True)
 
 
-def print_look_alikes(runs: int) -> None:
+def print_look_alikes(runs: int, first: int = 0) -> None:
     """Print how loops among look-alike rooms fared."""
     counts, errors = Counter(), []
-    for number in range(runs):
+    for number in range(first, first + runs):
         found, outcome = look_alike_trial(number)
         counts.update(found)
         errors.append(outcome.distance.max())
@@ -144,11 +145,15 @@ def print_look_alikes(runs: int) -> None:
 def main() -> None:
     """Run the named studies."""
     studies = {'nees': (print_consistency, 50), 'lookalikes': (print_look_alikes, 200)}
-    words = sys.argv[1:] or list(studies)
-    for word, following in zip(words, [*words[1:], ''], strict=True):
+    asked: list[list[str]] = []
+    for word in sys.argv[1:] or list(studies):
         if word in studies:
-            study, runs = studies[word]
-            study(int(following) if following.isdigit() else runs)
+            asked.append([word])
+        else:
+            asked[-1].append(word)
+    for name, *numbers in asked:
+        study, runs = studies[name]
+        study(*([int(number) for number in numbers] or [runs]))
 
 
 if __name__ == '__main__':
