@@ -8,6 +8,7 @@ free; from afar it must also win clearly over any other pose in the window.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -25,6 +26,8 @@ RECENT_VIEWS = 4         # newest views that are matched together
 THINNING = 0.1           # [m] edge of a square that keeps one of their points
 NEAR = (0.06, 0.02)      # [m] [rad] sigma up to which a match needs no search
 WINDOW = (4.0, 0.6)      # [m] [rad] the widest search
+UNEXPECTED = 0.1         # share of the score that a pose far from the expected one loses
+FLOOR = np.array([0.1, 0.1, 0.05])  # [m] [m] [rad] added to the sigmas for that
 UNIQUE = 0.92            # share of the score that no rival may reach from afar
 ON_SURFACE, CONFLICT = 0.12, 0.2  # [m] from the old surface: on it; off it
 FEWEST = 20              # points that make a place
@@ -56,7 +59,9 @@ def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config
     if len(cloud) < FEWEST or len(target) < FEWEST:
         return None
     near = (candidate.sigma[:2] < NEAR[0]).all() and candidate.sigma[2] < NEAR[1]
-    if near and _within_reach(candidate, cloud, target) < config.loop_minimum_overlap:
+    # A search for a tie along a smooth wall would move the view until the surfaces overlap.
+    if ((near or candidate.tie)
+            and _within_reach(candidate, cloud, target) < config.loop_minimum_overlap):
         return None
     found = (register(cloud, target, candidate.expected) if near else
              _match_far(candidate, cloud, target))
@@ -97,7 +102,18 @@ def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap) -> Match | 
     """Search the 3-sigma window first; None where another pose scores nearly as well."""
     reach = float(np.clip(0.4 + 3.0 * candidate.sigma[:2].max(), 0.0, WINDOW[0]))
     turn = float(np.clip(0.15 + 3.0 * candidate.sigma[2], 0.0, WINDOW[1]))
-    peak = search(cloud, target, candidate.expected, reach, turn)
+    peak = search(cloud, target, candidate.expected, reach, turn, partial(_expected, candidate))
     if not candidate.sure and peak.rival > UNIQUE * peak.score:
         return None
     return refine(cloud, target, peak.pose)
+
+
+def _expected(candidate: Candidate, poses: Array) -> Array:
+    """
+    Factor (n,) of the score of poses (n, 3): a little less, the farther from where expected.
+
+    Along a corridor all poses fit alike. In a round one the match is then a curve, not a line,
+    and a relation far along it would be wrong by more than its covariance says.
+    """
+    d = between(candidate.expected, poses) / (candidate.sigma + FLOOR)
+    return 1.0 - UNEXPECTED * (1.0 - np.exp(-0.5 * (d ** 2).sum(1)))

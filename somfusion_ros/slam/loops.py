@@ -8,7 +8,7 @@ uncertainty. A loop must pass the chi-square gate on its innovation; where it do
 the uncertainty is large, other loops found near it must agree before any of them is trusted.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -51,11 +51,16 @@ class Estimate(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An old view to match against, the expected pose (3,) in it, and the 1-sigma window."""
+    """
+    An old view to match against, the expected pose (3,) in it, and the 1-sigma window.
+
+    A tie is no loop: it is wanted only where the surfaces overlap as expected.
+    """
 
     old: int
     expected: Array
     sigma: Array
+    tie: bool = False
 
     @property
     def sure(self) -> bool:
@@ -105,7 +110,7 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
     span = new - max(SPAN, config.loop_minimum_gap)
     if span >= 0 and all(
             abs(span - c.old) >= config.loop_minimum_gap // 2 for c in chosen):
-        chosen.append(_candidate(span, new, ekf))
+        chosen.append(replace(_candidate(span, new, ekf), tie=True))
     return chosen
 
 
