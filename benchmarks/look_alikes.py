@@ -7,8 +7,8 @@ usage: python benchmarks/look_alikes.py [RUNS [FIRST]]      (default: 200 0; 12 
 
 Four kinds of world take turns: rooms of one size that are furnished nearly alike; the same
 unfurnished, so that any two rooms match; a building that is the same turned by 180 degrees; and
-a round corridor with equal niches, one every metre or so. The laser is short-sighted and the wheels slip
-so much that the next room or niche often lies within the filter's gate: that is counted, too.
+a round corridor with equal niches, one every metre or so. The laser is short-sighted and the
+wheels slip so much that the next niche often lies within the filter's gate: that is counted, too.
 Prints how many loops between different places were found, tempted (lay within the chi-square
 gate) and were believed, and how many right ones were not believed. Asserts nothing.
 """
@@ -27,14 +27,14 @@ from somfusion_ros.tools.floor_plan import box, PLANS, polygon, wall
 from somfusion_ros.tools.laser import Laser, Scene
 from somfusion_ros.tools.trial import Outcome, run_trial, simulate_trial, Trial
 
-FALSE = (0.5, 0.2)             # [m] [rad] beyond which a loop joins different places
+FALSE = (0.5, 0.2)             # [m] [rad] by which a loop that joins different places is wrong
 SPARSE = Laser(beams=257, period=0.4, range_max=6.0)
 WHEEL_ERROR = 0.06             # share by which the odometry's wheels are wrong
 World = tuple[Array, Array, float]   # walls (S, 4), route (K, 2), slip [m] after one metre
 
 
 def rooms(rng: np.random.Generator, furnished: bool) -> World:
-    """Rooms of one size on both sides of a corridor; unfurnished, they are all the same."""
+    """Build rooms of one size on both sides of a corridor; unfurnished, they are all the same."""
     count = 5 if furnished else 7
     width, depth, aisle = rng.uniform(3.2, 4.4), rng.uniform(3.0, 4.0), 1.8
     if not furnished:
@@ -60,14 +60,14 @@ def rooms(rng: np.random.Generator, furnished: bool) -> World:
 
 
 def half_turn(rng: np.random.Generator) -> World:
-    """A building that looks the same turned by 180 degrees."""
+    """Build what looks the same turned by 180 degrees."""
     plan = PLANS['symmetric']()
     return plan.segments, plan.route(int(rng.integers(2))), 0.06
 
 
 def niches(rng: np.random.Generator) -> World:
     """
-    A round corridor, smooth but for equal niches along a third of it.
+    Build a round corridor, smooth but for equal niches along a third of it.
 
     Along the smooth part nothing tells the laser how far the robot went, and where it comes
     round to the niches again, the next one may look nearer than the right one.
@@ -109,10 +109,12 @@ class Witness:
         return believed
 
     def _truth(self, relation: object) -> str:
-        known = self._slam._memory.stamps      # its lock is held here
-        stamps = np.array([known[relation.first], known[relation.second]])
-        x, y, theta = between(between(*self._trial.truth(stamps)), relation.z)
-        return 'false' if np.hypot(x, y) > FALSE[0] or abs(theta) > FALSE[1] else 'true'
+        seen = self._slam._memory.stamps      # its lock is held here
+        stamps = np.array([seen[relation.first], seen[relation.second]])
+        x, y, theta = error = between(between(*self._trial.truth(stamps)), relation.z)
+        known = squared_mahalanobis(error, relation.R) > CHI2     # to the match, not only guessed
+        return ('false' if known and (np.hypot(x, y) > FALSE[0] or abs(theta) > FALSE[1])
+                else 'true')
 
 
 def look_alike_trial(number: int) -> tuple[str, Counter[str], Outcome]:

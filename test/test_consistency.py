@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Short forms of the studies in benchmarks/trials.py, systematic errors, and determinism."""
+"""Short forms of the studies in benchmarks, systematic errors, and determinism."""
 
 from collections import Counter
 import importlib.util
@@ -18,31 +18,31 @@ from somfusion_ros.tools.robot_run import run_robot
 from somfusion_ros.tools.trial import run_trial, SICK, simulate_trial
 
 
-@pytest.fixture(scope='module')
-def trials() -> ModuleType:
-    """Load the study, which is no part of the package."""
-    spec = importlib.util.spec_from_file_location('trials', ROOT / 'benchmarks' / 'trials.py')
+def study(name: str) -> ModuleType:
+    """Load a study, which is no part of the package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / 'benchmarks' / f'{name}.py')
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def test_the_covariance_is_neither_too_small_nor_too_large(trials: ModuleType) -> None:
+def test_the_covariance_is_neither_too_small_nor_too_large() -> None:
     """
     Three drives at five moments: 45 degrees of freedom, if the moments were independent.
 
     The band of 0.5 to 6 about the expected 3 is wide; the study of 50 drives narrows it down.
     """
-    mean = np.mean([nees for _, nees, _ in trials.consistency(range(6, 15, 4))])
+    mean = np.mean([nees for _, nees, _ in study('trials').consistency(range(6, 15, 4))])
     assert 0.5 < mean < 6.0
 
 
-def test_rooms_that_look_alike_are_not_joined(trials: ModuleType) -> None:
-    counts = Counter()
-    for number in (1, 2):
-        found, outcome = trials.look_alike_trial(number)
+def test_rooms_that_look_alike_are_not_joined() -> None:
+    """Rooms nearly alike, equal rooms, and a building that is the same turned by 180 degrees."""
+    counts, look_alikes = Counter(), study('look_alikes')
+    for number in range(3):
+        _, found, outcome = look_alikes.look_alike_trial(number)
         counts.update(found)
-        assert outcome.distance.max() < 0.5
+        assert outcome.distance.max() < 0.8
     assert counts['believed false'] == 0
     assert counts['believed true'] > 0
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loop closure: where it looks, what it matches, and what it refuses to believe."""
 
+from dataclasses import replace
+
 from helpers import fake_room, fake_scan, pose_error
 import numpy as np
 
@@ -68,6 +70,20 @@ def test_another_place_is_refused_for_what_it_contradicts():
     for x in (0.0, 0.5):
         guess = Candidate(0, np.array([x, 0.3, 0.2]), np.array([0.5, 0.5, 0.2]))
         assert closing.match(guess, 9, other, target, CONFIG) is None
+
+
+def test_a_tie_does_not_slide_along_a_round_wall():
+    """Views 6 m apart in a smooth round corridor see nothing in common: a loop may be farther."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 241)
+    rims = [np.column_stack([r * np.cos(angle), r * np.sin(angle)]) for r in (7.0, 9.0)]
+    walls = np.concatenate([np.column_stack([rim[:-1], rim[1:]]) for rim in rims])
+    places = np.array([(8 * np.cos(a), 8 * np.sin(a), a + np.pi / 2)
+                       for a in (0.0, -0.1, 0.1, 0.8)])
+    *old, seen = (cloud(fake_scan(walls, p, noise=0.01), 30.0) for p in places)
+    target = LocalMap.of_views(old, list(between(places[0], places[:3])))
+    guess = Candidate(0, between(places[0], places[3]), np.array([0.8, 0.8, 0.2]))
+    assert closing.match(guess, 9, seen, target, CONFIG) is not None, 'it is sought everywhere'
+    assert closing.match(replace(guess, tie=True), 9, seen, target, CONFIG) is None
 
 
 def loop_between(ekf: DelayedStateEkf, i: int, j: int, error: np.ndarray, sure: bool) -> Loop:
