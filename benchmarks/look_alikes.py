@@ -142,8 +142,8 @@ def main() -> None:
         for name in (kind, 'all'):
             counts[name].update(found)
             worst[name].append(float(outcome.distance.max()))
-    print('                         false loops               true loops        largest error [m]\n'
-          'world               runs found tempted believed    found not believed  median  95 %')
+    print(f'{"":24} false loops               true loops        largest error [m]')
+    print('world               runs found tempted believed    found not believed  median  95 %')
     for name, c in counts.items():
         print(f'{name:19} {len(worst[name]):4} {c["found false"]:5} {c["tempted false"]:7} '
               f'{c["believed false"]:8} {c["found true"]:8} '

@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Study simulated drives by the dozen: is the covariance honest?
+Study, by the dozen of simulated drives, whether the covariance is honest.
 
 usage: python benchmarks/trials.py [RUNS [FIRST]]      (default: 50 0; about 5 minutes of a core)
 
