@@ -19,7 +19,7 @@ from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.error_model import (
     along, HANDED_ON, ScaleError, sweep_covariance, turned)
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.matching import Match, register
+from somfusion_ros.slam.matching import FEWEST, Match, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
 from somfusion_ros.slam.recovery import Attempt, attempts, near, rivals, same
 from somfusion_ros.slam.resuming import odometry_began_anew
@@ -34,7 +34,6 @@ MEMORY = 0.2             # weight of the newest scan in the usual inlier ratio
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
 LOST_SIGMA = (0.5, 0.3, 0.5)              # [m] [m] [rad] added once the robot is lost
 CATCH_UP = 3.0           # [s] within which stalled odometry may report what it left out
-FEWEST = 8                                # points that can be matched
 LOOSE = 4.0              # times the odometry's sigmas, for the hold on a match
 
 
