@@ -25,8 +25,8 @@ class System(Protocol):
 
     lag: float
 
-    def process(self, scan: Scan, odometry: Odometry) -> None:
-        """Follow the robot through one scan."""
+    def process(self, scan: Scan, odometry: Odometry) -> bool:
+        """Follow the robot through one scan; return whether it was looked at."""
 
     def beside(self) -> None:
         """Do all that is waiting."""
@@ -44,9 +44,10 @@ class Own:
     def __init__(self) -> None:
         self.slam = Slam(background=True)
 
-    def process(self, scan: Scan, odometry: Odometry) -> None:
+    def process(self, scan: Scan, odometry: Odometry) -> bool:
         """Follow the robot through one scan."""
         self.slam.process(scan, odometry)
+        return True
 
     def beside(self) -> None:
         """Close the loops that are waiting."""
@@ -83,7 +84,7 @@ class Kiss:
         self._icp, self._last = KissICP(config), None
         self._stamps, self._poses = [], []
 
-    def process(self, scan: Scan, odometry: Odometry) -> None:
+    def process(self, scan: Scan, odometry: Odometry) -> bool:
         """Register one scan."""
         if self._last is not None:
             self._icp.last_delta = _lifted(between(self._last, odometry.pose))
@@ -92,6 +93,7 @@ class Kiss:
         self._last, T = odometry.pose, self._icp.last_pose
         self._stamps.append(scan.stamp)
         self._poses.append((T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])))
+        return True
 
     def beside(self) -> None:
         """Nothing: it closes no loops."""
@@ -118,14 +120,16 @@ class Yag:
         self._track: list[tuple[float, int, Array]] = []    # stamp, vertex, T_vertex_base
         self._last: Array | None = None
 
-    def process(self, scan: Scan, odometry: Odometry) -> None:
+    def process(self, scan: Scan, odometry: Odometry) -> bool:
         """Match and add a scan once the robot has moved; keep to the odometry between."""
         step = np.zeros(3) if self._last is None else between(self._last, odometry.pose)
-        moved = np.hypot(step[0], step[1]) >= TRAVEL[0] or abs(step[2]) >= TRAVEL[1]
-        if self._last is None or moved:
+        new = bool(self._last is None or np.hypot(step[0], step[1]) >= TRAVEL[0]
+                   or abs(step[2]) >= TRAVEL[1])
+        if new:
             self._slam.process_scan(self._range_scan(scan, odometry))
             self._last, step = odometry.pose, np.zeros(3)
         self._track.append((scan.stamp, len(self._slam.graph.vertices) - 1, step))
+        return new
 
     def _range_scan(self, scan: Scan, odometry: Odometry) -> object:
         from yag_slam.models import LocalizedRangeScan
