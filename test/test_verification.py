@@ -179,6 +179,17 @@ def test_slides_run_along_the_weak_direction() -> None:
     assert step @ (-0.8, 0.6) == pytest.approx(0.0) and (step @ (0.6, 0.8)).min() < -3
 
 
+@pytest.mark.parametrize('times', [5, 50, 500])
+def test_a_map_is_not_refused_for_its_size(times: int) -> None:
+    """The same shares of walls, on maps of up to 25 km of wall: as probable as on a small one."""
+    clear = Margins(3.0, 20.0, 4.0)
+    large = Evidence(*(times * value for value in (60.0, 2.0, 50.0, 5.0)), 0.6, 10.0, 0.5, 0.97,
+                     GOOD.axis)
+    assert probability(large, clear) > 0.98
+    torn = replace(large, against=large.matched, fine_against=large.fine)
+    assert probability(torn, clear) < 0.05
+
+
 @pytest.mark.parametrize('theta', [0.0, 0.8])
 def test_zones_tell_walls_their_surroundings_and_free_places(theta: float) -> None:
     """Of a square room, and of what lies outside and is not known; near is up to 0.2 m."""
