@@ -59,17 +59,21 @@ class Robot:
                          'slam_node listening')
 
     def drive_until_heard(self) -> None:
-        """Stand still until the first scan is heard: the node may know us later than we do it."""
-        waited = iter(np.arange(self.stamps[0] - 5.0, self.stamps[0] - 0.01, 0.002))
+        """Stand still until a scan is heard: the node may know us later than we do it."""
+        here, known = max(self.sent - 1, 0), len(self.poses)
+        begin = self.stamps[here]
+        self.stamps[self.sent:] += 5.0
+        waited = iter(np.arange(begin + 0.01, begin + 4.9, 0.002))
 
         def heard() -> bool:
             stamp = next(waited)
-            self.publish_odometry(0, stamp)
-            self.publish(0, stamp=stamp)
-            return bool(self.poses)
-        self.graph.until(heard, 'first pose')
-        self.publish_odometry(0)
-        self.sent = 1
+            self.publish_odometry(here, stamp)
+            self.publish(here, stamp=stamp)
+            return len(self.poses) > known
+        self.graph.until(heard, 'a pose')
+        if not self.sent:
+            self.publish_odometry(0)
+            self.sent = 1
 
     def drive(self, last: int) -> None:
         """Drive on up to a scan, and wait until the node has followed."""

@@ -193,6 +193,7 @@ def test_a_robot_that_is_killed_goes_on_with_its_map(graph: Graph, tmp_path: Pat
     again = grid(robot.maps[-1])
     assert missing_walls(grid(before), again) < 0.02
     assert missing_walls(again, grid(before)) < 0.02
+    robot.drive_until_heard()
     robot.drive(180)
     robot.assert_on_course()
     assert int(values_of(diagnostics)['views']) > 15   # counted from the start of the drive on

@@ -49,16 +49,17 @@ class Odometry:
 @dataclass(frozen=True)
 class MotionNoise:
     """
-    Standard deviations of an odometry increment.
+    Standard deviations of odometry after one metre or one radian, and a floor of an increment.
 
-    along and across the travel [m / m], heading per travel [rad / m], heading per turn
-    [rad / rad], and a floor for every increment [m], [rad].
+    along and across the travel [m], heading by travel [rad], heading by turn [rad]; the variance
+    grows with the way, so that it does not matter in how many increments it is read. The floor
+    [m], [rad] is that of the reading itself.
     """
 
-    along: float = 0.10
-    across: float = 0.05
-    heading: float = 0.05
-    turn: float = 0.15
+    along: float = 0.03
+    across: float = 0.02
+    heading: float = 0.04
+    turn: float = 0.10
     floor: float = 0.005
     floor_heading: float = 0.003
 
@@ -189,7 +190,7 @@ def swept(twist: Array, time: float) -> Array:
 def mean_twist(step: Array, time: float) -> Array:
     """Constant twist (3,) that sweeps a step (3,) in a time [s]."""
     x, y, theta = step.tolist()
-    half = 0.5 * wrap(theta)
+    half = 0.5 * float(wrap(theta))
     c, s, chord = cos(half), sin(half), time * _chord(half)
     return np.array(((c * x + s * y) / chord, (c * y - s * x) / chord, 2.0 * half / time))
 
@@ -214,16 +215,17 @@ def increment_covariance(step: Array, noise: MotionNoise, slip: Array | None = N
     had meanwhile. A turn that is wrong shows in part across the travel.
     """
     x, y, theta = step.tolist()
-    travel, turn = hypot(x, y), wrap(theta)
-    across = noise.across * travel + noise.floor
+    travel, turn = hypot(x, y), float(wrap(theta))
+    floor, floor_heading = noise.floor ** 2, noise.floor_heading ** 2
+    across = noise.across ** 2 * travel + floor
     if slip is None:
-        along = noise.along * travel + noise.floor
-        heading = noise.heading * travel + noise.turn * abs(turn) + noise.floor_heading
-        P = np.diag((along ** 2, across ** 2, heading ** 2))
+        along = noise.along ** 2 * travel + floor
+        heading = noise.heading ** 2 * travel + noise.turn ** 2 * abs(turn) + floor_heading
+        P = np.diag((along, across, heading))
         c, s = (x / travel, y / travel) if travel > 1e-9 else (1.0, 0.0)
     else:
         along, both, heading = slip.tolist()
-        P = np.diag((along + noise.floor ** 2, across ** 2, heading + noise.floor_heading ** 2))
+        P = np.diag((along + floor, across, heading + floor_heading))
         P[0, 2] = P[2, 0] = both
         c, s = cos(0.5 * turn), sin(0.5 * turn)
     T = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
