@@ -118,6 +118,8 @@ def _packed(clouds: Sequence[Cloud]) -> dict[str, Array]:
 
 def _unpacked(a: dict[str, Any]) -> list[Cloud]:
     """Take the clouds apart again."""
+    if (a['walls_lengths'] % 2).any():
+        raise ValueError('a piece of wall has but one end')
     parts = []
     for part in PARTS:
         ends = np.cumsum(a[f'{part}_lengths'])
