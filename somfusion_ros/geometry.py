@@ -88,6 +88,13 @@ def between(T_w_a: ArrayLike, T_w_b: ArrayLike) -> Array:
     return compose(inverse(T_w_a), T_w_b)
 
 
+def difference(a: Array, b: Array) -> Array:
+    """Residual a - b (3,) of two poses in one frame, its angle wrapped."""
+    d = a - b
+    d[2] = wrap(d[2])
+    return d
+
+
 def apply(T_target_source: ArrayLike, points: ArrayLike) -> Array:
     """Take points (N, 2) [m] of the source frame into the target frame."""
     pose = np.asarray(T_target_source, dtype=float)

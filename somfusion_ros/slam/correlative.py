@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from somfusion_ros.geometry import Array, rotation, wrap
+from somfusion_ros.geometry import Array, wrap
 from somfusion_ros.slam.local_map import FIELD_STEP, LocalMap
 from somfusion_ros.slam.scan import Cloud
 
@@ -40,45 +40,65 @@ class Peak:
     rival: float
 
 
-def search(scan: Cloud, target: LocalMap, centre: Array, reach: float, turn: float,
-           prior: Prior | None = None, with_rival: bool = True) -> Peak:
+def search(scan: Cloud, target: LocalMap, centres: ArrayLike, reach: float, turn: float,
+           prior: Prior | None = None, with_rival: bool = True, least: float = 0.0) -> Peak:
     """
-    Best pose of a scan within `reach` [m] and `turn` [rad] of the centre pose (3,).
+    Best pose of a scan within `reach` [m] and `turn` [rad] of a centre (3,), or several (n, 3).
 
     The angular step moves the farthest point by about one fine cell of the field. A prior takes
     poses (n, 3) to factors (n,) of their score in 0..1, nearly constant over a finest node.
-    Without the rival, whatever cannot hold the best pose is left out early.
+    Without the rival, whatever cannot hold the best pose is left out early. A pose that does not
+    score more than `least` is not looked for; where there is none, the first centre is returned.
     """
     field, corner = target.field
     points = scan.points[np.linspace(0, len(scan) - 1, min(BEAMS, len(scan))).astype(int)]
     arm = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80))
     step = np.clip(1.5 * FIELD_STEP / max(arm, 0.5), 0.005, 0.05)
     turns = step * np.arange(-np.ceil(turn / step), np.ceil(turn / step) + 1)
+    middles = np.atleast_2d(centres)[:, None] + turns[:, None] * (0.0, 0.0, 1.0)
+    middles = middles.reshape(-1, 3)
     half = int(np.ceil(reach / (FIELD_STEP * BLOCK))) * BLOCK
 
     def poses(nodes: Nodes) -> Array:
         k, row, column = nodes
-        return centre + np.column_stack([(column - half) * FIELD_STEP, (row - half) * FIELD_STEP,
-                                         turns[k]])
+        shift = FIELD_STEP * np.stack([column - half, row - half, np.zeros_like(k)], axis=1)
+        return middles[k] + shift
 
     margin = 2 * half + BLOCK    # a point this far outside may still enter the field
     fine = cv2.copyMakeBorder(field, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=0)
-    cells = _cells(points, centre[2] + turns, centre[:2] - corner, margin, half, fine.shape)
+    cells = _cells(points, middles - (*corner, 0.0), margin, half, fine.shape)
     descent = _Descent(fine, cells, 2 * half, lambda nodes: (
-        1.0 if prior is None else prior(poses(nodes))))
+        1.0 if prior is None else prior(poses(nodes))), least)
     descent.run(BLOCKS[-1:] if with_rival else BLOCKS)
+    if descent.place is None:
+        return Peak(middles[len(turns) // 2], 0.0, 0.0)
     pose = poses(descent.place)[0]
+    rival = descent.rival(poses) if with_rival else 0.0
     pose[2] = wrap(pose[2])
-    return Peak(pose, descent.best, descent.rival(turns))
+    return Peak(pose, descent.best, rival)
 
 
-def _cells(points: Array, turns: Array, offset: Array, margin: int, half: int,
-           shape: tuple[int, int]) -> NDArray[np.intp]:
+def _cells(points: Array, poses: Array, margin: int, half: int, shape: tuple[int, int]
+           ) -> NDArray[np.intp]:
     """Cells (A, N) in the padded field, counted row by row, for the window's first corner."""
-    p = points @ rotation(turns).transpose(0, 2, 1) + offset
-    cells = np.floor(p[..., ::-1] / FIELD_STEP).astype(np.intp) + (margin - half)
-    cells = np.clip(cells, 0, np.array(shape) - (2 * half + BLOCK) - 1)
-    return cells[..., 0] * shape[1] + cells[..., 1]
+    (x, y), (left, down, theta) = points.T, poses.T[:, :, None]
+    c, s = np.cos(theta), np.sin(theta)
+    first = margin - half
+    column = np.floor((c * x - s * y + left) / FIELD_STEP).astype(np.intp) + first
+    row = np.floor((s * x + c * y + down) / FIELD_STEP).astype(np.intp) + first
+    rows, columns = np.array(shape) - (2 * half + BLOCK) - 1
+    return np.clip(row, 0, rows) * shape[1] + np.clip(column, 0, columns)
+
+
+def _bounds(fine: Array, blocks: tuple[int, ...]) -> list[Array]:
+    """Maximum over the square of each edge in `blocks`, powers of two, from each cell on."""
+    wide, found, edge = fine, {}, 1
+    while edge < max(blocks):
+        corners = np.zeros((edge + 1, edge + 1), np.uint8)   # four squares make one twice as wide
+        corners[::edge, ::edge] = 1
+        wide, edge = cv2.dilate(wide, corners, anchor=(0, 0)), 2 * edge
+        found[edge] = wide
+    return [found[block] for block in blocks]
 
 
 class _Descent:
@@ -86,25 +106,27 @@ class _Descent:
     Branch and bound: from coarse nodes to single cells, the most promising first.
 
     fine (H, W) is the field, cells (A, N) the points of every turn in it, last the largest row
-    and column of the window; a factor in 0..1 of the score belongs to each finest node.
+    and column of the window; a factor in 0..1 of the score belongs to each finest node. The best
+    place (3, 1) is None until one scores more than `least`.
     """
 
     def __init__(self, fine: Array, cells: NDArray[np.intp], last: int,
-                 factor: Callable[[Nodes], Array | float]) -> None:
+                 factor: Callable[[Nodes], Array | float], least: float) -> None:
         self._fine, self._cells, self._last, self._factor = fine, cells, last, factor
+        self._weights = np.full(cells.shape[1], 1.0 / (255.0 * cells.shape[1]), np.float32)
         self._opened: list[tuple[Array, Nodes]] = []
-        self.best, self.place = -1.0, np.zeros((3, 1), np.intp)
+        self.best = least
+        self.place: Nodes | None = None
 
     def run(self, blocks: tuple[int, ...]) -> None:
         """Find the best score and its place; blocks: edge of the nodes of each level."""
-        bounds = [cv2.dilate(self._fine, np.ones((block, block), np.uint8), anchor=(0, 0))
-                  for block in blocks]
+        bounds = _bounds(self._fine, blocks)
         offset = np.arange(0, self._last + 1, blocks[0])
         nodes = np.reshape(np.meshgrid(np.arange(len(self._cells)), offset, offset,
                                        indexing='ij'), (3, -1))
         shift = (offset[:, None] * self._fine.shape[1] + offset).reshape(-1, 1)
         flat, some = bounds[0].ravel(), max(1, CHUNK // shift.size)
-        scores = [flat.take(self._cells[k:k + some, None] + shift).mean(-1).ravel()
+        scores = [(flat.take(self._cells[k:k + some, None] + shift) @ self._weights).ravel()
                   for k in range(0, len(self._cells), some)]
         self._descend(blocks, bounds, nodes, np.concatenate(scores))
 
@@ -143,15 +165,14 @@ class _Descent:
     def _scores(self, field: Array, nodes: Nodes) -> Array:
         """Mean (M,) of a field over the points, at each node."""
         offset = nodes[1] * field.shape[1] + nodes[2]
-        return field.ravel().take(self._cells.take(nodes[0], 0) + offset[:, None]).mean(1)
+        return field.ravel().take(self._cells.take(nodes[0], 0) + offset[:, None]) @ self._weights
 
-    def rival(self, turns: Array) -> float:
+    def rival(self, poses: Callable[[Nodes], Array]) -> float:
         """Best score in the finest nodes opened that lie clearly elsewhere."""
         scores = np.concatenate([scores for scores, _ in self._opened])
         nodes = np.concatenate([nodes for _, nodes in self._opened], axis=1)
-        apart = np.hypot(*(nodes[1:] - self.place[1:])) * FIELD_STEP
-        turned = np.abs(turns[nodes[0]] - turns[self.place[0]])
-        elsewhere = (apart > DISTINCT[0]) | (turned > DISTINCT[1])
+        x, y, theta = (poses(nodes) - poses(self.place)).T
+        elsewhere = (np.hypot(x, y) > DISTINCT[0]) | (np.abs(theta) > DISTINCT[1])
         return float(scores[elsewhere].max()) if elsewhere.any() else 0.0
 
 

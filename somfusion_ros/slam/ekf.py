@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 
 from somfusion_ros.geometry import (
-    Array, between, between_jacobians, compose, compose_jacobians, wrap)
+    Array, between, between_jacobians, compose, compose_jacobians, difference, wrap)
 from somfusion_ros.slam.relation import Relation
 
 GROWTH = 64    # views of room that P grows by, at least
@@ -155,9 +155,7 @@ class DelayedStateEkf:
         """Give z - h(x) (3,) and its covariance S (3, 3)."""
         relation = self._anchored(relation)
         h, P_h = self.relative(relation.first, relation.second)
-        y = relation.z - h
-        y[2] = wrap(y[2])
-        return y, P_h + relation.R
+        return difference(relation.z, h), P_h + relation.R
 
     def update(self, relation: Relation) -> float:
         """

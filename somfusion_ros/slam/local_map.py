@@ -17,8 +17,11 @@ from somfusion_ros.slam.scan import Cloud
 VOXEL, POINTS_PER_VOXEL = 0.25, 40  # kiss-icp then keeps points 0.04 m apart
 FIELD_STEP = 0.05   # [m] cell of the likelihood field
 FIELD_SIGMA = 0.08  # [m] spread of the likelihood around a surface point
+PARTS = 32          # of a cell, by which the likelihood is tabled
 FREE_STEP = 0.1     # [m] cell of the raster of free space
 FIELD_MARGIN = 0.5  # [m] of empty field around the points
+LIKELIHOOD = np.rint(255.0 * np.exp(
+    -0.5 * (np.arange(256) / PARTS * FIELD_STEP / FIELD_SIGMA) ** 2)).astype(np.uint8)
 
 
 class LocalMap:
@@ -80,15 +83,15 @@ class LocalMap:
         return _fill(self._rims)
 
     @cached_property
-    def field(self) -> tuple[NDArray[np.float32], Array]:
-        """Likelihood (H, W) in [0, 1] by distance to the nearest point, and its corner [m]."""
+    def field(self) -> tuple[NDArray[np.uint8], Array]:
+        """Likelihood (H, W), 255 for 1, by distance to the nearest point, and its corner [m]."""
         corner = self.points.min(0) - FIELD_MARGIN
         size = np.ceil((self.points.max(0) + FIELD_MARGIN - corner) / FIELD_STEP).astype(int) + 1
         empty = np.ones(size[::-1], np.uint8)
         cells = ((self.points - corner) / FIELD_STEP).astype(np.intp)
         empty[cells[:, 1], cells[:, 0]] = 0
-        distance = cv2.distanceTransform(empty, cv2.DIST_L2, 3) * FIELD_STEP
-        return np.exp(-0.5 * (distance / FIELD_SIGMA) ** 2), corner
+        distance = cv2.distanceTransform(empty, cv2.DIST_L2, 3)
+        return cv2.LUT(cv2.convertScaleAbs(distance, alpha=PARTS), LIKELIHOOD), corner
 
 
 def lift(points: Array) -> object:

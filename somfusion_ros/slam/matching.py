@@ -15,7 +15,7 @@ from functools import cached_property
 from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
 
-from somfusion_ros.geometry import Array, rotation, wrap
+from somfusion_ros.geometry import Array, difference, rotation, wrap
 from somfusion_ros.slam.local_map import lift, LocalMap
 from somfusion_ros.slam.scan import Cloud
 
@@ -91,11 +91,9 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
         J = _jacobian(n, arm)
         JtW = (J * w[:, None]).T
         H = JtW @ J
-        d = x - seed
-        d[2] = wrap(d[2])
         gradient = JtW @ e / scale
         if hold is not None:
-            gradient += hold @ d
+            gradient += hold @ difference(x, seed)
         x = x - np.linalg.solve(H / scale + prior, gradient)
     ratio, residual = inliers / len(found), float(np.sqrt(w @ (e * e) / max(w.sum(), 1e-9)))
     x[2] = wrap(x[2])

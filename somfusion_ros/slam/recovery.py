@@ -5,7 +5,7 @@ Where match and odometry disagree: odometry stalls, catches up, slips and jumps.
 
 Every pose that the robot may be at is tried: where the odometry says, where it coasted to at its
 last velocity, where the odometry says that it is from before the trouble (a base that stalls
-often reports later what it left out), and what a search around these finds.
+often reports later what it left out), and, unless these settle it, what a search around finds.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from somfusion_ros.geometry import Array, between
-from somfusion_ros.slam.correlative import search
+from somfusion_ros.slam.correlative import Prior, search
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine, register
 from somfusion_ros.slam.scan import Cloud
@@ -27,7 +27,9 @@ STALL_SIGMA = np.array([1.0, 0.35, 1.0])  # sigmas along [m], across [m], headin
 IMPLAUSIBLE = 0.4         # share of the score that an implausible pose loses
 DISTINCT = 0.08           # share of points by which a match must win over any other, to be clear
 SAME = (0.15, 0.06)       # [m] [rad] within which two matches are one
+HOPELESS = 0.25           # score of the search below which no pose explains enough of a scan
 APART = (0.3, 0.3)        # [m] [rad] beyond which an expected pose is searched around, too
+BROKE = (0.3, 0.3)        # [m] [rad] from an expected pose, beyond which the motion broke off
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,28 +41,40 @@ class Attempt:
 
 
 def attempts(scan: Cloud, target: LocalMap, first: Match, expected: Sequence[Array],
-             unseen: float, hold: Array) -> list[Attempt]:
+             unseen: float, hold: Array, enough: float) -> list[Attempt]:
     """
     Match a scan from every expected pose (3,), the odometry's first, and by search.
 
     first is the match from the odometry's pose; it stays the first attempt, and the search's is
     the last. unseen is the time [s] since the last match, which sets the window. hold (3, 3)
-    ties the refinement to the odometry's pose where the surface fixes nothing.
+    ties the refinement to the odometry's pose where the surface fixes nothing. There is no search
+    where the others tell one pose near an expected one that explains enough of the scan.
     """
     window = np.minimum(SEARCH, STALL + unseen * np.array(STALL_SPEED))
     plausible = partial(plausibility, expected=expected, window=window)
+
+    def weighed(match: Match) -> Attempt:
+        return Attempt(match, match.inlier_ratio * float(plausible(match.T_map_scan[None])[0]))
+
+    tried = [weighed(match) for match in (
+        first, refine(scan, target, expected[0], hold),
+        *(register(scan, target, pose) for pose in expected[1:]))]
+    best = max(tried, key=lambda a: a.worth)
+    if (best.match.inlier_ratio >= enough and not rivals(best, tried)
+            and any(near(best.match.T_map_scan, pose, BROKE) for pose in expected)):
+        return tried
+    pose = _searched(scan, target, expected, window, plausible)
+    return [*tried, weighed(refine(scan, target, pose))]
+
+
+def _searched(scan: Cloud, target: LocalMap, expected: Sequence[Array], window: Array,
+              plausible: Prior) -> Array:
+    """Best pose (3,) around the expected ones."""
     centres: list[Array] = []
     for pose in expected:
         if all(not near(pose, other, APART) for other in centres):
             centres.append(pose)
-    peaks = [search(scan, target, centre, *window, prior=plausible, with_rival=False)
-             for centre in centres]
-    peak = max(peaks, key=lambda peak: peak.score)
-    matches = [first, refine(scan, target, expected[0], hold),
-               *(register(scan, target, pose) for pose in expected[1:]),
-               refine(scan, target, peak.pose)]
-    return [Attempt(m, m.inlier_ratio * float(plausible(m.T_map_scan[None])[0]))
-            for m in matches]
+    return search(scan, target, centres, *window, plausible, with_rival=False, least=HOPELESS).pose
 
 
 def plausibility(poses: Array, expected: Sequence[Array], window: Array) -> Array:

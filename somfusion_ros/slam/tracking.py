@@ -14,22 +14,22 @@ import numpy as np
 
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import (
-    Array, between, compose, compose_jacobians, squared_mahalanobis, wrap)
+    Array, between, compose, compose_jacobians, difference, squared_mahalanobis, wrap)
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.error_model import (
     along, HANDED_ON, ScaleError, sweep_covariance, turned)
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import FEWEST, Match, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
-from somfusion_ros.slam.recovery import Attempt, attempts, near, rivals, same
+from somfusion_ros.slam.recovery import Attempt, attempts, BROKE, near, rivals, same
 from somfusion_ros.slam.resuming import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree
 AGREED = 9.0             # squared Mahalanobis distance at which they agree
 SIMILAR = 0.05           # share of points by which a match must win over the odometry's
-SUDDEN = 0.5             # share of the usual inlier ratio below which something happened,
-BROKE = (0.3, 0.3)       # [m] [rad] if the odometry also broke off the motion by more than this
+SUDDEN = 0.5             # share of the usual inlier ratio below which something happened
+TYPICAL = 0.9            # and above which nothing did
 MEMORY = 0.2             # weight of the newest scan in the usual inlier ratio
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
 LOST_SIGMA = (0.5, 0.3, 0.5)              # [m] [m] [rad] added once the robot is lost
@@ -182,7 +182,9 @@ class Tracker:
             return match, True
         coasted = compose(before, self._velocity * self._dt)
         expected = [seed, coasted, *self._caught_up()]
-        tried = attempts(scan, self._map, match, expected, self._unseen, hold)
+        enough = np.inf if doubtful else max(self.config.doubtful_inlier_ratio,
+                                             TYPICAL * self._usual)
+        tried = attempts(scan, self._map, match, expected, self._unseen, hold, enough)
         worth = max(a.worth for a in tried)
         best = min((a for a in tried if a.worth > worth - SIMILAR),
                    key=lambda a: min(self._disagreement(a.match, pose) for pose in expected))
@@ -228,21 +230,14 @@ class Tracker:
 
     def _disagreement(self, match: Match, expected: Array | None = None) -> float:
         """Squared Mahalanobis distance between a match and the prediction, or another pose."""
-        y = self._innovation(match, self.T_view_base if expected is None else expected)
+        y = difference(match.T_map_scan, self.T_view_base if expected is None else expected)
         return squared_mahalanobis(y, self.P + match.covariance)
-
-    @staticmethod
-    def _innovation(match: Match, expected: Array) -> Array:
-        """Match minus expected pose (3,)."""
-        y = match.T_map_scan - expected
-        y[2] = wrap(y[2])
-        return y
 
     def _correct(self, match: Match, R: Array) -> None:
         """Kalman update of the current pose; a slip shows as disagreement and widens P first."""
         P = self.P * max(1.0, self._disagreement(match) / 9.0) + 1e-9 * np.eye(3)
         K = P @ np.linalg.inv(P + R)
-        x = self.T_view_base + K @ self._innovation(match, self.T_view_base)
+        x = self.T_view_base + K @ difference(match.T_map_scan, self.T_view_base)
         x[2] = wrap(x[2])
         self.T_view_base = x
         I_K = np.eye(3) - K
