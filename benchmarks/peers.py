@@ -88,7 +88,7 @@ class Kiss:
         """Register one scan."""
         if self._last is not None:
             self._icp.last_delta = _lifted(between(self._last, odometry.pose))
-        hits = cloud(scan, MAX_RANGE).hits
+        hits = cloud(scan, MAX_RANGE).outline.hits
         self._icp.register_frame(np.column_stack([hits, np.zeros(len(hits))]), np.zeros(0))
         self._last, T = odometry.pose, self._icp.last_pose
         self._stamps.append(scan.stamp)

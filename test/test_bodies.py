@@ -27,7 +27,7 @@ def body(x: float, y: float) -> Array:
 
 def returns(scan: Scan) -> Array:
     """Places (K, 2) of the returns of a scan, in the room."""
-    return apply(HERE, cloud(scan, 30.0).hits)
+    return apply(HERE, cloud(scan, 30.0).outline.hits)
 
 
 def test_a_body_is_left_out_of_a_scan_and_the_walls_are_not() -> None:
@@ -50,7 +50,7 @@ def test_nobody_around_changes_nothing() -> None:
 def test_the_beams_that_met_a_body_free_nothing_behind_it() -> None:
     seen = fake_scan(np.concatenate([ROOM, body(3.0, 1.6)]), HERE)
     hidden = hide_bodies(seen, HERE, np.array([(3.0, 1.6)]), RADIUS + 0.1)
-    rim = apply(HERE, cloud(hidden, 30.0).rim)
+    rim = apply(HERE, cloud(hidden, 30.0).outline.rim)
     beyond = np.hypot(*(rim - HERE[:2]).T) > 1.6
     away = np.arctan2(*(rim - HERE[:2]).T[::-1]) - np.arctan2(0.1, 1.5)
     assert not (beyond & (np.abs(away) < 0.1)).any()

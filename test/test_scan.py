@@ -54,7 +54,7 @@ def test_a_lone_return_has_no_normal():
 def test_free_space_never_crosses_a_wall():
     room = fake_room()
     seen = cloud(fake_scan(room, np.array([2.0, 2.0, 0.4])), 30.0)
-    outline = apply((2.0, 2.0, 0.4), seen.rim).astype(np.float32)
+    outline = apply((2.0, 2.0, 0.4), seen.outline.rim).astype(np.float32)
     for x, y in ((8.5, 3.0), (-0.3, 2.0), (4.0, -0.3), (5.35, 1.7)):  # outside, in the pillar
         assert cv2.pointPolygonTest(outline, (x, y), True) < 0.05
     assert cv2.pointPolygonTest(outline, (2.5, 2.2), False) > 0
@@ -63,8 +63,8 @@ def test_free_space_never_crosses_a_wall():
 def test_no_return_frees_nothing_unless_it_is_infinite():
     nothing = cloud(scan_of([0.0] * 9), 30.0)
     beyond = cloud(scan_of([np.inf] * 9), 30.0)
-    assert np.ptp(nothing.rim, axis=0).max() == 0.0
-    assert np.hypot(*beyond.rim.T).max() == pytest.approx(4.0)
+    assert np.ptp(nothing.outline.rim, axis=0).max() == 0.0
+    assert np.hypot(*beyond.outline.rim.T).max() == pytest.approx(4.0)
 
 
 def test_deskewing_undoes_a_turn_during_the_scan():

@@ -108,8 +108,8 @@ def test_a_damaged_file_is_refused_by_name(damage: object, half: Slam, tmp_path:
     ('version', lambda v: v + 1), ('poses', lambda v: v[:-1]), ('poses', lambda v: v * np.nan),
     ('scan_views', lambda v: v + 1000), ('scan_clouds', lambda v: v - 1),
     ('tracker_P', lambda v: v[:2]), ('tracker_odometry', lambda v: v[:0]),
-    ('rim', lambda v: v[:-3]), ('relations', lambda v: v[:3]), ('track', lambda v: v[:0]),
-    ('walls_lengths', lambda v: v + np.eye(len(v), dtype=int)[0] - np.eye(len(v), dtype=int)[1])])
+    ('ends', lambda v: v[:-3]), ('relations', lambda v: v[:3]), ('track', lambda v: v[:0]),
+    ('beams_lengths', lambda v: v + 1)])
 def test_a_file_whose_parts_do_not_fit_is_refused(name: str, change: object, half: Slam,
                                                   tmp_path: Path) -> None:
     path = tmp_path / 'state.npz'

@@ -49,9 +49,7 @@ def recent(new: int, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
     seen = LocalMap.of_views([clouds[k] for k in near], list(between(poses[new], poses[near])))
     _, first = np.unique(np.floor(seen.points / THINNING).astype(int), axis=0, return_index=True)
     first.sort()
-    nothing = np.zeros((0, 2))
-    return Cloud(seen.points[first], seen.normals[first], hits=nothing, walls=nothing,
-                 origin=np.zeros(2), rim=nothing,
+    return Cloud(seen.points[first], seen.normals[first],
                  noise=float(np.mean([clouds[k].noise for k in near])))
 
 

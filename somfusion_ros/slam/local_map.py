@@ -44,7 +44,7 @@ class LocalMap:
                   for view, turn, pose in zip(clouds, turns, poses, strict=True)]
         normals = [view.normals @ turn for view, turn in zip(clouds, turns, strict=True)]
         # Few local maps are asked for the space that was seen through.
-        rims = (view.rim @ turn + pose[:2]
+        rims = (view.outline.rim @ turn + pose[:2]
                 for view, turn, pose in zip(clouds, turns, poses, strict=True))
         return cls(np.concatenate(points), np.concatenate(normals), rims)
 

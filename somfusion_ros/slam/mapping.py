@@ -53,11 +53,11 @@ class Mapper:
             self._clear()
             done = 0
         if len(poses) > done:
-            self._grow(np.array([_bounds(apply(p, s.cloud.rim))
+            self._grow(np.array([_bounds(apply(p, s.cloud.outline.rim))
                                  for s, p in zip(scans[done:], poses[done:], strict=True)]))
             for scan, pose in zip(scans[done:], poses[done:], strict=True):
-                self._draw(*(apply(pose, part) for part in (
-                    scan.cloud.rim, scan.cloud.hits, scan.cloud.walls)))
+                seen = scan.cloud.outline
+                self._draw(*(apply(pose, part) for part in (seen.rim, seen.hits, seen.walls)))
             self._rendered = poses
         return self.grid()
 

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from somfusion_ros.geometry import apply, Array, Pose
+from somfusion_ros.slam.outline import Outline
 
 SPACING = 0.04      # [m] of surface that one point stands for, where the beams are denser
 SURFACE_GAP = 0.15  # [m] neighbouring returns farther apart than this, at 1 m, are two surfaces
-STRAIGHT = 0.1      # [m] by which neighbouring returns on one wall may miss its line
-FILLED = 1.0        # [m] widest gap between two returns on one wall that is drawn as wall
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,19 +52,13 @@ class Cloud:
     What a scan saw, in the robot's base frame at the scan's stamp.
 
     points (N, 2) [m] along the surfaces, normals (N, 2) facing the laser (zero where there is
-    too little surface), hits (K, 2) every return and the wall between them, walls (2 L, 2) the
-    two ends of each piece of surface between neighbouring returns, origin (2,) of the laser,
-    rim (M, 2): the polygon of the space that the beams passed, closed through the origin; noise:
-    scatter [m] of the points about their surfaces, sweep [s]: time from the first beam to the
-    last, 0 where it is not known.
+    too little surface), the outline of what is drawn; noise: scatter [m] of the points about
+    their surfaces, sweep [s]: time from the first beam to the last, 0 where it is not known.
     """
 
     points: Array
     normals: Array
-    hits: Array
-    walls: Array
-    origin: Array
-    rim: Array
+    outline: Outline = field(default_factory=Outline)
     noise: float = 0.0
     sweep: float = 0.0
 
@@ -101,8 +94,8 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     points, joined = _thin(hits, _joined(hits, np.flatnonzero(hit), ranges[hit],
                                          abs(scan.angle_increment)))
     normals, noise = _surface(points, joined, origin)
-    return Cloud(points, normals, *_walls(hits, np.flatnonzero(hit), ranges[hit]), origin,
-                 _rim(placed, reach, origin), noise, scan.time_increment * len(ranges))
+    return Cloud(points, normals, Outline(placed, reach, hit, origin), noise,
+                 scan.time_increment * len(ranges))
 
 
 @lru_cache(maxsize=8)
@@ -186,56 +179,3 @@ def _surface(points: Array, joined: NDArray[np.bool_], origin: Array,
     normals *= (np.where(facing < 0, -1.0, 1.0) * flat)[:, None]
     across = np.maximum(0.5 * (xx + yy - spread), 0.0)[flat] * count[flat] / (count[flat] - 2.0)
     return normals, float(np.sqrt(np.median(across))) if len(across) else 0.0
-
-
-def _walls(hits: Array, beams: NDArray[np.intp], ranges: Array) -> tuple[Array, Array]:
-    """
-    Fill the wall between returns (N, 2) that a grazing beam leaves bare; see `Cloud`.
-
-    Two neighbouring returns lie on one surface where their ranges differ little, and on one wall
-    where a third continues their line: far down a corridor they may be metres apart.
-    """
-    if len(hits) < 2:
-        return hits, np.zeros((0, 2))
-    step = np.diff(hits, axis=0)
-    gap = np.maximum(np.hypot(*step.T), 1e-9)
-    u = step / gap[:, None]
-    short, wide = np.minimum(gap[1:], gap[:-1]), np.maximum(gap[1:], gap[:-1])
-    bend = np.abs(u[1:, 0] * u[:-1, 1] - u[1:, 1] * u[:-1, 0])
-    line = ((bend * short < STRAIGHT) & ((u[1:] * u[:-1]).sum(1) > 0.7)
-            & (wide < 3.0 * short + 2.0 * STRAIGHT))
-    wall = np.zeros(len(gap), bool)
-    wall[1:] |= line
-    wall[:-1] |= line
-    neighbours = np.diff(beams) <= 2
-    wall &= neighbours
-    one = wall | neighbours & ~_jumps(ranges[:-1], ranges[1:])
-    bare = np.where(wall & (gap < FILLED), gap // SPACING, 0.0).astype(np.intp)
-    piece = np.repeat(np.arange(len(gap)), bare)
-    part = 1.0 + np.arange(len(piece)) - (np.cumsum(bare) - bare)[piece]
-    between = hits[piece] + (part / (bare[piece] + 1.0))[:, None] * step[piece]
-    ends = np.stack([hits[:-1], hits[1:]], axis=1)[one].reshape(-1, 2)
-    return np.concatenate([hits, between]), ends
-
-
-def _jumps(one: Array, other: Array) -> NDArray[np.bool_]:
-    """Tell where the ranges of two neighbouring beams differ as on two surfaces."""
-    return np.maximum(one, other) > 1.2 * np.minimum(one, other) + 0.1
-
-
-def _rim(placed: Array, reach: Array, origin: Array) -> Array:
-    """
-    Outline (M, 2) of the space the beams passed.
-
-    Between two beams on one surface the outline is the surface; where the range jumps, the
-    nearer range holds up to the middle, so that no beam frees what it did not pass.
-    """
-    near, jump = np.minimum(reach[:-1], reach[1:]), _jumps(reach[:-1], reach[1:])
-    half = 0.5 * (placed[:-1] + placed[1:]) - origin
-    length = np.maximum(np.hypot(half[:, 0], half[:, 1]), 1e-9)
-    corner = origin + half * (near / length)[:, None]
-    rim = np.empty((1 + len(placed) + np.count_nonzero(jump), 2))
-    index = np.arange(1, len(placed) + 1)
-    index[1:] += jump.cumsum()
-    rim[0], rim[index], rim[index[:-1][jump] + 1] = origin, placed, corner[jump]
-    return rim

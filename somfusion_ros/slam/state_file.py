@@ -22,12 +22,13 @@ from somfusion_ros.geometry import Array
 from somfusion_ros.slam.loops import centre
 from somfusion_ros.slam.mapping import MapScan
 from somfusion_ros.slam.memory import Memory, State
+from somfusion_ros.slam.outline import Outline
 from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracking import Tracker
 
-VERSION = 2
-PARTS = ('points', 'normals', 'hits', 'walls', 'rim')   # of a cloud, each (k, 2)
+VERSION = 3
+PARTS = {'surface': ('points', 'normals'), 'beams': ('ends', 'reach', 'hit')}   # of a cloud
 TRACKER = 'tracker_'
 DAMAGED = (BadZipFile, zlib.error, EOFError, KeyError, ValueError, IndexError, TypeError)
 
@@ -48,7 +49,7 @@ def save_state(path: str | Path, state: State) -> None:
         'scan_clouds': np.array([place[id(s.cloud)] for s in m.scans], int),
         'track': np.array([(t, view, *pose) for t, view, pose in m.track]).reshape(-1, 5),
         'to_close': np.array(m.to_close, int),
-        'origins': np.array([c.origin for c in clouds.values()]).reshape(-1, 2),
+        'origins': np.array([c.outline.origin for c in clouds.values()]).reshape(-1, 2),
         **_packed(list(clouds.values())),
         **{f'{TRACKER}{name}': value for name, value in state.tracker.items()}}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -109,23 +110,24 @@ def _state(a: dict[str, Any]) -> State:
 def _packed(clouds: Sequence[Cloud]) -> dict[str, Array]:
     """Put the parts of all clouds one after another, with the length of each."""
     packed = {}
-    for part in PARTS:
-        every = [getattr(cloud, part) for cloud in clouds]
-        packed[part] = np.concatenate([np.zeros((0, 2)), *every]).astype(np.float32)
-        packed[f'{part}_lengths'] = np.array([len(one) for one in every], int)
+    for whole, parts in PARTS.items():
+        owners = [cloud if whole == 'surface' else cloud.outline for cloud in clouds]
+        for part in parts:
+            every = [getattr(owner, part) for owner in owners]
+            packed[part] = np.concatenate(every).astype(np.float32)
+        packed[f'{whole}_lengths'] = np.array([len(one) for one in every], int)
     return packed
 
 
 def _unpacked(a: dict[str, Any]) -> list[Cloud]:
     """Take the clouds apart again."""
-    if (a['walls_lengths'] % 2).any():
-        raise ValueError('a piece of wall has but one end')
-    parts = []
-    for part in PARTS:
-        ends = np.cumsum(a[f'{part}_lengths'])
-        if len(a[part]) != (ends[-1] if len(ends) else 0):
-            raise ValueError(f'{part} do not fit their lengths')
-        parts.append(np.split(a[part].astype(float), ends[:-1]))
-    return [Cloud(points, normals, hits, walls, origin, rim)
-            for points, normals, hits, walls, rim, origin in zip(*parts, a['origins'],
+    split = []
+    for whole, parts in PARTS.items():
+        ends = np.cumsum(a[f'{whole}_lengths'])
+        for part in parts:
+            if len(a[part]) != (ends[-1] if len(ends) else 0):
+                raise ValueError(f'{part} do not fit their lengths')
+            split.append(np.split(a[part].astype(float), ends[:-1]))
+    return [Cloud(points, normals, Outline(ends, reach, hit > 0.5, origin))
+            for points, normals, ends, reach, hit, origin in zip(*split, a['origins'],
                                                                  strict=True)]
