@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Short forms of the studies in benchmarks, systematic errors, and determinism."""
 
-from collections import Counter
 import importlib.util
 from pathlib import Path
 from types import ModuleType
@@ -36,15 +35,24 @@ def test_the_covariance_is_neither_too_small_nor_too_large() -> None:
     assert 0.5 < mean < 6.0
 
 
-def test_rooms_that_look_alike_are_not_joined() -> None:
-    """Rooms nearly alike, equal rooms, and a building that is the same turned by 180 degrees."""
-    counts, look_alikes = Counter(), study('look_alikes')
-    for number in range(3):
-        _, found, outcome = look_alikes.look_alike_trial(number)
-        counts.update(found)
-        assert outcome.distance.max() < 0.8
-    assert counts['believed false'] == 0
-    assert counts['believed true'] > 0
+@pytest.mark.parametrize('number, farthest', [(0, 0.4), (1, 0.6), (2, 0.6), (4, 1.0)])
+def test_places_that_look_alike_are_not_joined(number: int, farthest: float) -> None:
+    """
+    Rooms nearly alike, equal rooms, a building that is the same turned by 180 degrees.
+
+    The last is a loop of 100 m that closes among equal alcoves: after the drive it is closed.
+    """
+    _, found, outcome = study('look_alikes').look_alike_trial(number)
+    assert outcome.distance.max() < farthest
+    assert found['believed false'] == 0
+    assert found['believed true'] > 0
+
+
+def test_equal_niches_are_not_joined() -> None:
+    """Round a corridor nothing but equal niches tells the place: better lost than wrong."""
+    _, found, _ = study('look_alikes').look_alike_trial(3)
+    assert found['found false'] > 0
+    assert found['believed false'] == 0
 
 
 @pytest.mark.parametrize('radius, separation', [(1.03, 1.0), (0.97, 1.0), (1.0, 1.03),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from helpers import fake_room, fake_scan, pose_error
 import numpy as np
+import pytest
 
 from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import between, compose
@@ -43,13 +44,25 @@ def test_candidates_are_old_views_near_by():
                 or np.hypot(*candidate.expected[:2]) < CONFIG.loop_search_distance + 1.0)
 
 
+def test_an_unsure_view_may_lie_at_other_places_too():
+    """Within 4 sigma and a bit; all of them, one each; none where the filter is sure."""
+    sure, unsure = (candidates(59, straight(60, sigma), np.zeros((60, 2)), CONFIG)
+                    for sigma in (0.01, 0.3))
+    assert not any(c.elsewhere for c in sure)
+    for candidate in unsure:
+        places = np.array([c.old for c in candidate.elsewhere])
+        assert 3 <= len(places) <= 30 and places.max() <= 59 - CONFIG.loop_minimum_gap
+        for place in candidate.elsewhere:
+            assert np.hypot(*place.expected[:2]) < 1.2 + 4.1 * np.hypot(*place.sigma[:2])
+
+
 def test_a_new_map_has_no_candidates():
     assert candidates(3, straight(4, 0.01), np.zeros((4, 2)), CONFIG) == []
 
 
-def clouds_of(places: np.ndarray) -> list:
+def clouds_of(places: np.ndarray, room: np.ndarray = ROOM) -> list:
     rng = np.random.default_rng(0)
-    return [cloud(fake_scan(ROOM, p, noise=0.01, rng=rng), 30.0) for p in places]
+    return [cloud(fake_scan(room, p, noise=0.01, rng=rng), 30.0) for p in places]
 
 
 def test_a_place_is_recognised_from_afar():
@@ -57,7 +70,7 @@ def test_a_place_is_recognised_from_afar():
     truth = np.array([2.0, 1.8, 0.2])
     expected = between(PLACES[0], truth)
     guess = Candidate(0, expected + (0.8, -0.6, 0.2), np.array([0.4, 0.4, 0.1]))
-    loop = closing.match(guess, 9, clouds_of(truth[None])[0], target, CONFIG)
+    loop = closing.match(guess, 9, clouds_of(truth[None])[0], lambda old: target, CONFIG)
     distance, angle = pose_error(loop.relation.z, expected)
     assert distance < 0.03 and angle < np.radians(1)
     assert loop.agreement > 0.95 and not loop.sure
@@ -69,7 +82,7 @@ def test_another_place_is_refused_for_what_it_contradicts():
     other = cloud(fake_scan(fake_room(3.2, 2.4), np.array([1.0, 1.0, 0.5])), 30.0)
     for x in (0.0, 0.5):
         guess = Candidate(0, np.array([x, 0.3, 0.2]), np.array([0.5, 0.5, 0.2]))
-        assert closing.match(guess, 9, other, target, CONFIG) is None
+        assert closing.match(guess, 9, other, lambda old: target, CONFIG) is None
 
 
 def test_a_tie_does_not_slide_along_a_round_wall():
@@ -82,8 +95,23 @@ def test_a_tie_does_not_slide_along_a_round_wall():
     *old, seen = (cloud(fake_scan(walls, p, noise=0.01), 30.0) for p in places)
     target = LocalMap.of_views(old, list(between(places[0], places[:3])))
     guess = Candidate(0, between(places[0], places[3]), np.array([0.8, 0.8, 0.2]))
-    assert closing.match(guess, 9, seen, target, CONFIG) is not None, 'it is sought everywhere'
-    assert closing.match(replace(guess, tie=True), 9, seen, target, CONFIG) is None
+    anywhere = closing.match(guess, 9, seen, lambda old: target, CONFIG)
+    assert anywhere is not None, 'it is sought everywhere'
+    assert closing.match(replace(guess, tie=True), 9, seen, lambda old: target, CONFIG) is None
+
+
+@pytest.mark.parametrize('walls, unique', [(len(ROOM), False), (len(ROOM) - 4, True)])
+def test_a_view_that_fits_two_places_tells_neither(walls, unique):
+    """A second room, 6 m on, is the same; without its pillar it is another."""
+    first, second = (LocalMap.of_views(clouds_of(PLACES, room),
+                                       list(between(PLACES[0], PLACES)))
+                     for room in (ROOM, ROOM[:walls]))
+    truth = np.array([2.0, 1.8, 0.2])
+    expected, sigma = between(PLACES[0], truth), np.array([2.0, 2.0, 0.1])
+    guess = Candidate(0, expected, sigma, elsewhere=(
+        Candidate(8, expected - (6.0, 0.0, 0.0), sigma),))
+    loop = closing.match(guess, 19, clouds_of(truth[None])[0], {0: first, 8: second}.get, CONFIG)
+    assert loop.unique == unique
 
 
 def loop_between(ekf: DelayedStateEkf, i: int, j: int, error: np.ndarray, sure: bool) -> Loop:
@@ -104,6 +132,23 @@ def test_a_loop_far_from_expectation_waits_for_partners():
     assert closure.trusted(Loop(first, 1.0, False), ekf) == []
     assert closure.trusted(Loop(others[0], 1.0, False), ekf) == []
     assert len(closure.trusted(Loop(others[1], 1.0, False), ekf)) == 3
+
+
+def test_loops_that_agree_must_span_as_much_travel_as_the_filter_is_unsure():
+    """Views are 0.5 m apart: with a sigma of 0.6 m it takes the fifth loop."""
+    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    error = np.array([1.5, 1.0, 0.2])
+    believed = [len(closure.trusted(Loop(Relation(
+        2, k, compose(error, ekf.relative(2, k)[0]), R), 1.0, False, 0.6), ekf))
+        for k in range(31, 37)]
+    assert believed == [0, 0, 0, 0, 5, 0]
+
+
+def test_a_loop_that_fits_elsewhere_is_never_trusted():
+    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    for k in range(25, 39):
+        loop = replace(loop_between(ekf, 2, k, np.zeros(3), False), unique=False)
+        assert not closure.trusted(loop, ekf)
 
 
 def test_loops_that_contradict_one_another_are_never_trusted():

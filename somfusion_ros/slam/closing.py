@@ -4,19 +4,19 @@
 Closing a loop: match what the newest views saw together against an old place.
 
 The match must cover part of what was seen and contradict nothing that the old views saw to be
-free; from afar it must also win clearly over any other pose in the window.
+free; from afar it must also win clearly over any other pose where the robot may be.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import apply, Array, between
-from somfusion_ros.slam.correlative import search
+from somfusion_ros.geometry import apply, Array, between, compose, inverse
+from somfusion_ros.slam.correlative import DISTINCT, search
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.loops import Candidate, Loop
+from somfusion_ros.slam.loops import Candidate, Loop, PLACE
 from somfusion_ros.slam.matching import COARSE_GATE, Match, refine, register
 from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud
@@ -29,8 +29,10 @@ WINDOW = (4.0, 0.6)      # [m] [rad] the widest search
 UNEXPECTED = 0.1         # share of the score that a pose far from the expected one loses
 FLOOR = np.array([0.1, 0.1, 0.05])  # [m] [m] [rad] added to the sigmas for that
 UNIQUE = 0.92            # share of the score that no rival may reach from afar
+CLEAR = 0.02             # by which its agreement must be better than at any other place
 ON_SURFACE, CONFLICT = 0.12, 0.2  # [m] from the old surface: on it; off it
 FEWEST = 20              # points that make a place
+Around = Callable[[int], LocalMap]   # local map of an old view
 
 
 def local_map(old: int, newest: int, poses: Array, clouds: Sequence[Cloud]) -> LocalMap:
@@ -53,9 +55,10 @@ def recent(new: int, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
                  noise=float(np.mean([clouds[k].noise for k in near])))
 
 
-def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config: SlamConfig
+def match(candidate: Candidate, new: int, cloud: Cloud, around: Around, config: SlamConfig
           ) -> Loop | None:
     """Match a view against a candidate's local map; None where the match is poor."""
+    target = around(candidate.old)
     if len(cloud) < FEWEST or len(target) < FEWEST:
         return None
     near = (candidate.sigma[:2] < NEAR[0]).all() and candidate.sigma[2] < NEAR[1]
@@ -63,17 +66,19 @@ def match(candidate: Candidate, new: int, cloud: Cloud, target: LocalMap, config
     if ((near or candidate.tie)
             and _within_reach(candidate, cloud, target) < config.loop_minimum_overlap):
         return None
-    found = (register(cloud, target, candidate.expected) if near else
-             _match_far(candidate, cloud, target))
-    if found is None or found.inlier_ratio < config.loop_minimum_overlap:
+    found, unique = ((register(cloud, target, candidate.expected), True) if near else
+                     _match_far(candidate, cloud, target))
+    if found.inlier_ratio < config.loop_minimum_overlap:
         return None
     agreement = agreement_of(found, cloud, target)
     if agreement < config.loop_minimum_agreement:
         return None
     # What a view saw takes part in the loops of as many views as are matched together.
     R = RECENT_VIEWS * found.covariance
-    return Loop(Relation(candidate.old, new, found.T_map_scan, R),
-                agreement, candidate.sure)
+    unique = candidate.sure or (unique and not _fits_elsewhere(
+        candidate, found.T_map_scan, agreement, cloud, around, config))
+    return Loop(Relation(candidate.old, new, found.T_map_scan, R), agreement, candidate.sure,
+                float(candidate.sigma[:2].max()), unique)
 
 
 def _within_reach(candidate: Candidate, cloud: Cloud, target: LocalMap) -> float:
@@ -98,14 +103,36 @@ def agreement_of(found: Match, cloud: Cloud, target: LocalMap) -> float:
     return on / max(on + against, 1)
 
 
-def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap) -> Match | None:
-    """Search the 3-sigma window first; None where another pose scores nearly as well."""
+def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap) -> tuple[Match, bool]:
+    """Search the 3-sigma window first; tell, too, whether no other pose scores nearly as well."""
     reach = float(np.clip(0.4 + 3.0 * candidate.sigma[:2].max(), 0.0, WINDOW[0]))
     turn = float(np.clip(0.15 + 3.0 * candidate.sigma[2], 0.0, WINDOW[1]))
     peak = search(cloud, target, candidate.expected, reach, turn, partial(_expected, candidate))
-    if not candidate.sure and peak.rival > UNIQUE * peak.score:
-        return None
-    return refine(cloud, target, peak.pose)
+    return refine(cloud, target, peak.pose), peak.rival <= UNIQUE * peak.score
+
+
+def _fits_elsewhere(candidate: Candidate, found: Array, agreement: float, cloud: Cloud,
+                    around: Around, config: SlamConfig) -> bool:
+    """Tell whether a view found at a pose (3,) fits nearly as well at another place."""
+    for place in candidate.elsewhere:
+        target = around(place.old)
+        T_place_old = compose(place.expected, inverse(candidate.expected))
+        here = partial(_apart, compose(T_place_old, found))
+        turn = min(0.15 + 3.0 * place.sigma[2], np.pi)
+        peak = search(cloud, target, place.expected * (0.0, 0.0, 1.0), PLACE, turn, here,
+                      with_rival=False)
+        rival = refine(cloud, target, peak.pose)
+        if (here(rival.T_map_scan[None]).all()
+                and rival.inlier_ratio >= config.loop_minimum_overlap
+                and agreement_of(rival, cloud, target) > agreement - CLEAR):
+            return True
+    return False
+
+
+def _apart(found: Array, poses: Array) -> Array:
+    """Mask (n,) of the poses (n, 3) that are not merely the one found (3,)."""
+    d = between(found, poses)
+    return (np.hypot(d[:, 0], d[:, 1]) > DISTINCT[0]) | (np.abs(d[:, 2]) > DISTINCT[1])
 
 
 def _expected(candidate: Candidate, poses: Array) -> Array:

@@ -6,6 +6,11 @@ Loop closure: which old places to try, and which matches to believe.
 A candidate is an old view whose surface should lie near the new view's, by the filter's own
 uncertainty. A loop must pass the chi-square gate on its innovation; where it does not, or where
 the uncertainty is large, other loops found near it must agree before any of them is trusted.
+
+Where places look alike, loops that are all shifted to the next one agree as well. So while the
+uncertainty is large, a loop counts only if it fits nowhere else that the robot may be, and those
+that agree must span as much travel as the robot may be off: if it has not yet come to the place,
+the right loop would show itself by then.
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +33,9 @@ SURE = (0.25, 0.06)      # [m] [rad] sigma up to which one partner is enough
 PARTNERS = 2             # other loops that must agree with one found from afar
 PARTNERS_NEAR = 1        # and with one that the filter is surer of than it should be
 AGREE = (0.25, 0.05)     # [m] [rad] between two agreeing loops, plus what the odometry drifts
-RECENT = 25              # views within which loops are compared
+RECENT = 60              # views within which loops are compared
+SPANNED = 3.0            # sigmas of travel that agreeing loops span
+PLACE = 1.2              # [m] from an old view: at its place
 
 
 class Estimate(Protocol):
@@ -54,13 +61,15 @@ class Candidate:
     """
     An old view to match against, the expected pose (3,) in it, and the 1-sigma window.
 
-    A tie is no loop: it is wanted only where the surfaces overlap as expected.
+    A tie is no loop: it is wanted only where the surfaces overlap as expected. Elsewhere are the
+    old places where the new view may lie as well, as far as the filter knows.
     """
 
     old: int
     expected: Array
     sigma: Array
     tie: bool = False
+    elsewhere: tuple['Candidate', ...] = ()
 
     @property
     def sure(self) -> bool:
@@ -70,11 +79,18 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A matched candidate: the relation, how well it agrees, and whether it needs partners."""
+    """
+    A matched candidate: the relation, and how well it agrees.
+
+    It needs partners unless the filter was sure already, of which sigma [m] is the larger of two;
+    it is unique if the view fits nowhere else nearly as well.
+    """
 
     relation: Relation
     agreement: float
     sure: bool
+    sigma: float = 0.0
+    unique: bool = True
 
 
 def centre(cloud: Cloud) -> Array:
@@ -111,13 +127,35 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
     if span >= 0 and all(
             abs(span - c.old) >= config.loop_minimum_gap // 2 for c in chosen):
         chosen.append(replace(_candidate(span, new, ekf), tie=True))
-    return chosen
+    return [c if c.sure else replace(c, elsewhere=_elsewhere(c, new, last, ekf)) for c in chosen]
+
+
+def _elsewhere(candidate: Candidate, new: int, last: int, ekf: Estimate
+               ) -> tuple[Candidate, ...]:
+    """Old views, one at each place before view `last`, where view `new` may lie as well."""
+    poses = ekf.poses
+    distance = np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
+    reach = PLACE + 4.0 * np.hypot(*candidate.sigma[:2])
+    views = np.flatnonzero(ekf.kept[:last] & (distance < reach))
+    square = np.floor(poses[views] / (PLACE, PLACE, np.pi)).astype(int)  # and the way it looks
+    _, first = np.unique(square, axis=0, return_index=True)
+    possible = []
+    for old in views[np.sort(first)]:
+        expected, P = ekf.relative(int(old), new)
+        if squared_mahalanobis(expected, P + np.diag([PLACE, PLACE, np.pi]) ** 2) < CHI2:
+            possible.append(Candidate(int(old), expected, _sigmas(P)))
+    return tuple(possible)
 
 
 def _candidate(old: int, new: int, ekf: Estimate) -> Candidate:
     """View `old`, with view `new` expected where the filter has it."""
     expected, P = ekf.relative(old, new)
-    return Candidate(old, expected, np.sqrt(np.maximum(np.diag(P), 0.0)))
+    return Candidate(old, expected, _sigmas(P))
+
+
+def _sigmas(P: Array) -> Array:
+    """Sigmas (3,) of a covariance (3, 3)."""
+    return np.sqrt(np.maximum(np.diag(P), 0.0))
 
 
 def _seen(poses: Array, centres: Array) -> Array:
@@ -141,13 +179,28 @@ class LoopClosure:
             return [loop.relation]
         self._pending = [p for p in self._pending
                          if loop.relation.second - p.relation.second <= RECENT]
+        if not loop.unique:
+            return []
         partners = [p for p in self._pending if agree(p.relation, loop.relation, ekf)]
         self._pending.append(loop)
-        if len(partners) < (PARTNERS_NEAR if loop.sure else PARTNERS):
-            return []
         together = [*partners, loop]
+        if (len(partners) < (PARTNERS_NEAR if loop.sure else PARTNERS)
+                or not (loop.sure or _far_enough(together, ekf))):
+            return []
         self._pending = [p for p in self._pending if p not in together]
         return [p.relation for p in together]
+
+
+def _far_enough(loops: list[Loop], ekf: Estimate) -> bool:
+    """Tell whether the robot would have come to the right place meanwhile, were they wrong."""
+    seconds = [loop.relation.second for loop in loops]
+    return (_travel(min(seconds), max(seconds), ekf.poses)
+            >= SPANNED * max(loop.sigma for loop in loops))
+
+
+def _travel(first: int, last: int, poses: Array) -> float:
+    """Length [m] of the path through poses (n, 3) from one view to another."""
+    return float(np.hypot(*np.diff(poses[first:last + 1, :2], axis=0).T).sum())
 
 
 def agree(a: Relation, b: Relation, ekf: Estimate) -> bool:
@@ -157,6 +210,6 @@ def agree(a: Relation, b: Relation, ekf: Estimate) -> bool:
     poses = ekf.poses
     around = compose(compose(a.z, between(poses[a.second], poses[b.second])),
                      inverse(compose(between(poses[a.first], poses[b.first]), b.z)))
-    travel = np.hypot(*np.diff(poses[a.second:b.second + 1, :2], axis=0).T).sum()
+    travel = _travel(a.second, b.second, poses)
     return bool(np.hypot(around[0], around[1]) < AGREE[0] + 0.02 * travel
                 and abs(wrap(around[2])) < AGREE[1] + 0.005 * travel)

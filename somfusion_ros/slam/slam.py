@@ -3,6 +3,7 @@
 """View-based SLAM of one robot: motion, matching, EKF, loop closure, mapping, in that order."""
 
 from collections import Counter
+from functools import partial
 from threading import Lock
 
 import numpy as np
@@ -83,9 +84,9 @@ class Slam:
             targets = loops.candidates(new, memory.ekf, np.array(memory.centres), self.config)
             poses = memory.ekf.poses.copy()
         seen = closing.recent(new, poses, self._memory.clouds) if targets else None
+        around = partial(closing.local_map, newest=new - self.config.loop_minimum_gap,
+                         poses=poses, clouds=self._memory.clouds)
         for target in targets:
-            around = closing.local_map(target.old, new - self.config.loop_minimum_gap,
-                                       poses, self._memory.clouds)
             found = closing.match(target, new, seen, around, self.config)
             if found is None:
                 self.counters['loops_rejected'] += 1
