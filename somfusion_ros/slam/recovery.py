@@ -5,7 +5,7 @@ Where match and odometry disagree: odometry stalls, catches up, slips and jumps.
 
 Every pose that the robot may be at is tried: where the odometry says, where it coasted to at its
 last velocity, where the odometry says that it is from before the trouble (a base that stalls
-often reports later what it left out), and, unless these settle it, what a search around finds.
+often reports later what it left out), and what a search around these finds.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,6 @@ DISTINCT = 0.08           # share of points by which a match must win over any o
 SAME = (0.15, 0.06)       # [m] [rad] within which two matches are one
 HOPELESS = 0.25           # score of the search below which no pose explains enough of a scan
 APART = (0.3, 0.3)        # [m] [rad] beyond which an expected pose is searched around, too
-BROKE = (0.3, 0.3)        # [m] [rad] from an expected pose, beyond which the motion broke off
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,30 +40,21 @@ class Attempt:
 
 
 def attempts(scan: Cloud, target: LocalMap, first: Match, expected: Sequence[Array],
-             unseen: float, hold: Array, enough: float) -> list[Attempt]:
+             unseen: float, hold: Array) -> list[Attempt]:
     """
     Match a scan from every expected pose (3,), the odometry's first, and by search.
 
     first is the match from the odometry's pose; it stays the first attempt, and the search's is
     the last. unseen is the time [s] since the last match, which sets the window. hold (3, 3)
-    ties the refinement to the odometry's pose where the surface fixes nothing. There is no search
-    where the others tell one pose near an expected one that explains enough of the scan.
+    ties the refinement to the odometry's pose where the surface fixes nothing.
     """
     window = np.minimum(SEARCH, STALL + unseen * np.array(STALL_SPEED))
     plausible = partial(plausibility, expected=expected, window=window)
-
-    def weighed(match: Match) -> Attempt:
-        return Attempt(match, match.inlier_ratio * float(plausible(match.T_map_scan[None])[0]))
-
-    tried = [weighed(match) for match in (
-        first, refine(scan, target, expected[0], hold),
-        *(register(scan, target, pose) for pose in expected[1:]))]
-    best = max(tried, key=lambda a: a.worth)
-    if (best.match.inlier_ratio >= enough and not rivals(best, tried)
-            and any(near(best.match.T_map_scan, pose, BROKE) for pose in expected)):
-        return tried
-    pose = _searched(scan, target, expected, window, plausible)
-    return [*tried, weighed(refine(scan, target, pose))]
+    matches = [first, refine(scan, target, expected[0], hold),
+               *(register(scan, target, pose) for pose in expected[1:]),
+               refine(scan, target, _searched(scan, target, expected, window, plausible))]
+    return [Attempt(m, m.inlier_ratio * float(plausible(m.T_map_scan[None])[0]))
+            for m in matches]
 
 
 def _searched(scan: Cloud, target: LocalMap, expected: Sequence[Array], window: Array,

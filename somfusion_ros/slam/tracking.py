@@ -21,7 +21,7 @@ from somfusion_ros.slam.error_model import (
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import FEWEST, Match, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
-from somfusion_ros.slam.recovery import Attempt, attempts, BROKE, near, rivals, same
+from somfusion_ros.slam.recovery import Attempt, attempts, near, rivals, same
 from somfusion_ros.slam.resuming import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
 
@@ -29,7 +29,8 @@ DOUBT = 36.0             # squared Mahalanobis distance at which match and odome
 AGREED = 9.0             # squared Mahalanobis distance at which they agree
 SIMILAR = 0.05           # share of points by which a match must win over the odometry's
 SUDDEN = 0.5             # share of the usual inlier ratio below which something happened
-TYPICAL = 0.9            # and above which nothing did
+TYPICAL = 0.9            # and above which nothing did, whatever the odometry's sigmas say,
+BROKE = (0.3, 0.3)       # [m] [rad] unless the odometry broke off the motion by more than this
 MEMORY = 0.2             # weight of the newest scan in the usual inlier ratio
 JUMP_SPEED = (4.0, 6.0)  # [m/s] [rad/s] that no indoor robot's odometry reports
 LOST_SIGMA = (0.5, 0.3, 0.5)              # [m] [m] [rad] added once the robot is lost
@@ -178,13 +179,11 @@ class Tracker:
         match = register(scan, self._map, seed, hold)
         doubtful = jumped or self.lost
         if (not doubtful and match.inlier_ratio >= self.config.doubtful_inlier_ratio
-                and self._disagreement(match) < DOUBT):
+                and self._is_plausible(match)):
             return match, True
         coasted = compose(before, self._velocity * self._dt)
         expected = [seed, coasted, *self._caught_up()]
-        enough = np.inf if doubtful else max(self.config.doubtful_inlier_ratio,
-                                             TYPICAL * self._usual)
-        tried = attempts(scan, self._map, match, expected, self._unseen, hold, enough)
+        tried = attempts(scan, self._map, match, expected, self._unseen, hold)
         worth = max(a.worth for a in tried)
         best = min((a for a in tried if a.worth > worth - SIMILAR),
                    key=lambda a: min(self._disagreement(a.match, pose) for pose in expected))
@@ -193,6 +192,12 @@ class Tracker:
         if not (doubtful or stalled) and self._disagreement(best.match) < DOUBT:
             return best.match, ratio >= self.config.minimum_inlier_ratio
         return best.match, self._found(best, tried, expected)
+
+    def _is_plausible(self, match: Match) -> bool:
+        """Tell whether a match agrees with the odometry, or explains as much as usual near it."""
+        return (self._disagreement(match) < DOUBT
+                or match.inlier_ratio >= TYPICAL * self._usual
+                and near(match.T_map_scan, self.T_view_base, BROKE))
 
     def _found(self, best: Attempt, tried: list[Attempt], expected: list[Array]) -> bool:
         """
