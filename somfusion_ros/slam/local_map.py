@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from somfusion_ros.geometry import Array, rotation
 from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.slam.surface import Surface
 
 VOXEL, POINTS_PER_VOXEL = 0.25, 40  # kiss-icp then keeps points 0.04 m apart
 FIELD_STEP = 0.05   # [m] cell of the likelihood field
@@ -24,7 +25,7 @@ LIKELIHOOD = np.rint(255.0 * np.exp(
     -0.5 * (np.arange(256) / PARTS * FIELD_STEP / FIELD_SIGMA) ** 2)).astype(np.uint8)
 
 
-class LocalMap:
+class LocalMap(Surface):
     """
     Points (N, 2) [m] with normals (N, 2) in one frame, with a tree and a likelihood field.
 
@@ -47,14 +48,6 @@ class LocalMap:
         rims = (view.outline.rim @ turn + pose[:2]
                 for view, turn, pose in zip(clouds, turns, poses, strict=True))
         return cls(np.concatenate(points), np.concatenate(normals), rims)
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @cached_property
-    def bare(self) -> NDArray[np.bool_]:
-        """Mask (N,) of the points without a normal."""
-        return ~self.normals.any(1)
 
     @cached_property
     def tree(self) -> cKDTree:

@@ -11,6 +11,7 @@ normals all point one way, says nothing along itself.
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import cos, sin
 
 from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
@@ -74,30 +75,30 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
     scale = OVERSAMPLING * RANGE_SIGMA ** 2
     prior = 1e-6 * np.eye(3) + (0.0 if hold is None else hold)
     for gate in GATES:
-        R = rotation(x[2])
-        arm, own = scan.points @ R.T, scan.normals @ R.T
-        p = arm + x[:2]
-        distance, nearest = target.tree.query(p, distance_upper_bound=gate)
-        found = np.isfinite(distance)
+        turn = complex(cos(x[2]), sin(x[2]))   # of vectors in the plane as complex numbers
+        arm, own = scan.plane * turn, scan.facing * turn
+        p = arm + complex(x[0], x[1])
+        distance, nearest = target.tree.query(p.view(float).reshape(-1, 2),
+                                              distance_upper_bound=gate)
+        found = distance < gate
         nearest[~found] = 0
-        n = target.normals.take(nearest, 0)
-        np.copyto(n, own, where=target.bare[nearest, None])
-        found &= (_dot(n, own) > SAME_SIDE) | scan.bare
+        n = np.where(target.bare.take(nearest), own, target.facing.take(nearest)).conj()
+        found &= ((n * own).real > SAME_SIDE) | scan.bare
         inliers = np.count_nonzero(found)
         if inliers < FEWEST:
             return _unmatched(x)
-        e = _dot(n, p - target.points.take(nearest, 0))
+        e = (n * (p - target.plane.take(nearest))).real
         w = found / (1.0 + (e / (0.3 * gate)) ** 2) ** 2
         J = _jacobian(n, arm)
-        JtW = (J * w[:, None]).T
-        H = JtW @ J
+        JtW = J * w
+        H = JtW @ J.T
         gradient = JtW @ e / scale
         if hold is not None:
             gradient += hold @ difference(x, seed)
         x = x - np.linalg.solve(H / scale + prior, gradient)
     ratio, residual = inliers / len(found), float(np.sqrt(w @ (e * e) / max(w.sum(), 1e-9)))
     x[2] = wrap(x[2])
-    H = _without_false_information(H, _jacobian(n[:, ::-1] * (-1.0, 1.0), arm), w)
+    H = _without_false_information(H, _jacobian(-1j * n, arm), w)
     # The distance to the nearest of many points hides the noise; the scan's own scatter shows it.
     sigma2 = OVERSAMPLING * max(LEAST_SIGMA, scan.noise, residual) ** 2
     sigma2 /= max(ratio, 0.3) ** QUALITY
@@ -106,16 +107,9 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
     return Match(x, 0.5 * (information + information.T), ratio, residual)
 
 
-def _dot(a: Array, b: Array) -> Array:
-    """Row by row scalar product (N,) of vectors (N, 2); numpy's own sums are slow for two."""
-    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
-
-
-def _jacobian(normals: Array, arm: Array) -> Array:
-    """Differentiate (N, 3) the distances along normals (N, 2) of points at arm (N, 2)."""
-    J = np.empty((len(arm), 3))
-    J[:, :2], J[:, 2] = normals, normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]
-    return J
+def _jacobian(conjugates: Array, arm: Array) -> Array:
+    """Differentiate (3, N) the distances along normals, conjugates of (N,), of points at arm."""
+    return np.array([conjugates.real, -conjugates.imag, -(conjugates * arm).imag])
 
 
 def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
@@ -125,7 +119,7 @@ def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
     A normal that is off by a small angle a claims sin(a)^2 of a point's information along the
     surface. Along a corridor these claims add up to a match that is sure of what it cannot see.
     """
-    true = H - NORMAL_SIGMA ** 2 * (J_tangent * w[:, None]).T @ J_tangent
+    true = H - NORMAL_SIGMA ** 2 * (J_tangent * w) @ J_tangent.T
     values, vectors = np.linalg.eigh(true)
     return true if values[0] >= 0.0 else (vectors * np.maximum(values, 0.0)) @ vectors.T
 

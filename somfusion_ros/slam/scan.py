@@ -3,13 +3,14 @@
 """One laser scan, and the points and surface normals that it saw."""
 
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from somfusion_ros.geometry import apply, Array, Pose
 from somfusion_ros.slam.outline import Outline
+from somfusion_ros.slam.surface import Surface
 
 SPACING = 0.04      # [m] of surface that one point stands for, where the beams are denser
 SURFACE_GAP = 0.15  # [m] neighbouring returns farther apart than this, at 1 m, are two surfaces
@@ -47,7 +48,7 @@ class Scan:
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class Cloud(Surface):
     """
     What a scan saw, in the robot's base frame at the scan's stamp.
 
@@ -61,14 +62,6 @@ class Cloud:
     outline: Outline = field(default_factory=Outline)
     noise: float = 0.0
     sweep: float = 0.0
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @cached_property
-    def bare(self) -> NDArray[np.bool_]:
-        """Mask (N,) of the points without a normal."""
-        return ~self.normals.any(1)
 
 
 def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
