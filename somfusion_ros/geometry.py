@@ -113,6 +113,11 @@ def compose_jacobians(T_a_b: ArrayLike, T_b_c: ArrayLike) -> tuple[Array, Array]
 def between_jacobians(T_w_a: ArrayLike, T_w_b: ArrayLike) -> tuple[Array, Array]:
     """Jacobians (..., 3, 3) of `between` in its first and its second argument."""
     a, b = np.asarray(T_w_a, dtype=float), np.asarray(T_w_b, dtype=float)
+    if a.ndim == b.ndim == 1:
+        (x, y, theta), (u, v, _) = a.tolist(), b.tolist()
+        c, s, dx, dy = cos(theta), sin(theta), u - x, v - y
+        return (np.array(((-c, -s, c * dy - s * dx), (s, -c, -c * dx - s * dy), (0.0, 0.0, -1.0))),
+                np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0))))
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     second = np.zeros((*c.shape, 3, 3))

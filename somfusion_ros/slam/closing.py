@@ -49,7 +49,8 @@ def recent(new: int, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
     """
     near = np.arange(max(0, new - RECENT_VIEWS + 1), new + 1)
     seen = LocalMap.of_views([clouds[k] for k in near], list(between(poses[new], poses[near])))
-    _, first = np.unique(np.floor(seen.points / THINNING).astype(int), axis=0, return_index=True)
+    squares = np.floor(seen.points / THINNING).astype(int) @ (1 << 20, 1)
+    _, first = np.unique(squares, return_index=True)
     first.sort()
     return Cloud(seen.points[first], seen.normals[first],
                  noise=float(np.mean([clouds[k].noise for k in near])))

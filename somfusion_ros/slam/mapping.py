@@ -104,12 +104,12 @@ class Mapper:
             cells = (points - corner) / self.resolution - 0.5 - (x0, y0)
             return np.rint(cells * (1 << SUB)).astype(np.int32)
 
-        passed = np.zeros(window.shape, np.uint8)
-        cv2.fillPoly(passed, [vertices(rim)], 1, shift=SUB)
+        passed = np.zeros(window.shape, np.float32)
+        cv2.fillPoly(passed, [vertices(rim)], PASSED, shift=SUB)
         cv2.polylines(passed, vertices(walls).reshape(-1, 2, 2), False, 0, BESIDE, shift=SUB)
         ends = _cells_of(hits, corner, self.resolution) - (y0, x0)
         passed[ends[:, 0], ends[:, 1]] = 0
-        window += PASSED * passed
+        window += passed
         np.minimum(window, 1.0, out=window)
         flat = np.unique(ends[:, 0] * window.shape[1] + ends[:, 1])
         rows, columns = np.divmod(flat, window.shape[1])
