@@ -125,7 +125,7 @@ def test_a_loop_that_fits_a_sure_filter_is_trusted_at_once():
 
 
 def test_a_loop_far_from_expectation_waits_for_partners():
-    ekf, error = straight(40, 0.05), np.array([1.5, 1.0, 0.2])
+    ekf, error = straight(40, 0.3), np.array([1.5, 1.0, 0.2])
     closure = LoopClosure(CONFIG)
     first = Relation(2, 35, compose(error, ekf.relative(2, 35)[0]), R)
     others = [Relation(2, k, compose(error, ekf.relative(2, k)[0]), R) for k in (36, 37)]
@@ -136,12 +136,21 @@ def test_a_loop_far_from_expectation_waits_for_partners():
 
 def test_loops_that_agree_must_span_as_much_travel_as_the_filter_is_unsure():
     """Views are 0.5 m apart: with a sigma of 0.6 m it takes the fifth loop."""
-    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    ekf, closure = straight(40, 0.3), LoopClosure(CONFIG)
     error = np.array([1.5, 1.0, 0.2])
     believed = [len(closure.trusted(Loop(Relation(
         2, k, compose(error, ekf.relative(2, k)[0]), R), 1.0, False, 0.6), ekf))
         for k in range(31, 37)]
     assert believed == [0, 0, 0, 0, 5, 0]
+
+
+def test_an_unsure_loop_outside_the_gate_is_never_trusted():
+    """The same as above, with odometry that is six times as good."""
+    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    error = np.array([1.5, 1.0, 0.2])
+    for k in range(31, 39):
+        relation = Relation(2, k, compose(error, ekf.relative(2, k)[0]), R)
+        assert not closure.trusted(Loop(relation, 1.0, False, 0.6), ekf)
 
 
 def test_a_loop_that_fits_elsewhere_is_never_trusted():

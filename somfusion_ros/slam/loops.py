@@ -4,8 +4,9 @@
 Loop closure: which old places to try, and which matches to believe.
 
 A candidate is an old view whose surface should lie near the new view's, by the filter's own
-uncertainty. A loop must pass the chi-square gate on its innovation; where it does not, or where
-the uncertainty is large, other loops found near it must agree before any of them is trusted.
+uncertainty. A loop must pass the chi-square gate on its innovation, unless the filter is sure:
+it may be surer than it should be. Then, and where it is unsure, other loops found near must agree
+before any of them is trusted.
 
 Where places look alike, loops that are all shifted to the next one agree as well. So while the
 uncertainty is large, a loop counts only if it fits nowhere else that the robot may be, and those
@@ -175,11 +176,12 @@ class LoopClosure:
     def trusted(self, loop: Loop, ekf: Estimate) -> list[Relation]:
         """Relations that may now enter the filter: this loop, and those it confirms."""
         y, S = ekf.innovation(loop.relation)
-        if loop.sure and squared_mahalanobis(y, S) < CHI2:
+        possible = squared_mahalanobis(y, S) < CHI2
+        if loop.sure and possible:
             return [loop.relation]
         self._pending = [p for p in self._pending
                          if loop.relation.second - p.relation.second <= RECENT]
-        if not loop.unique:
+        if not loop.unique or not (loop.sure or possible):
             return []
         partners = [p for p in self._pending if agree(p.relation, loop.relation, ekf)]
         self._pending.append(loop)
