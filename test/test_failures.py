@@ -72,7 +72,11 @@ def assert_followed(out: Outcome, distance: float, angle: float = 0.05) -> None:
 
 @pytest.mark.parametrize('caught_up', [False, True])
 def test_odometry_that_stalls(caught_up: bool) -> None:
-    """For 1.2 s the odometry stands; what it missed never comes, or comes all at once."""
+    """
+    For 1.2 s the odometry stands; what it missed never comes, or comes all at once.
+
+    Where the walls fix nothing along them, one scan, 0.1 m farther on, may believe it.
+    """
     trial = drive_through(OFFICE.segments, CORRIDOR)
     steps = between(trial.odometry[:-1], trial.odometry[1:])
     silent = (trial.odometry_stamps > 8.0) & (trial.odometry_stamps <= 9.2)
@@ -81,7 +85,7 @@ def test_odometry_that_stalls(caught_up: bool) -> None:
     if caught_up:
         missing[np.flatnonzero(silent)[-1] + 1] = steps[silent[1:]].sum(0)
     assert np.hypot(*missing[silent].sum(0)[:2]) > 0.4, 'the odometry misses a piece of the way'
-    assert_followed(run_trial(with_motion(trial, missing)), 0.12)
+    assert_followed(run_trial(with_motion(trial, missing)), 0.14)
 
 
 def test_odometry_that_jumps() -> None:

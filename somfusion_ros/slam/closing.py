@@ -53,7 +53,7 @@ def recent(new: int, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
     _, first = np.unique(squares, return_index=True)
     first.sort()
     return Cloud(seen.points[first], seen.normals[first],
-                 noise=float(np.mean([clouds[k].noise for k in near])))
+                 noise=float(np.mean([clouds[k].noise for k in near])), spacing=THINNING)
 
 
 def match(candidate: Candidate, new: int, cloud: Cloud, around: Around, config: SlamConfig

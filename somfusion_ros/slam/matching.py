@@ -27,6 +27,7 @@ SAME_SIDE = 0.5                         # cosine: normals that differ more are a
 RANGE_SIGMA = 0.02                      # [m] of one matched point, for the hold on the seed
 LEAST_SIGMA = 0.005                     # [m] of one matched point, however smooth the scan
 OVERSAMPLING = 5.0                      # neighbouring points share their error
+CORRELATED = 0.2                        # [m] of surface along which they do
 NORMAL_SIGMA = 0.10                     # [rad] of an estimated normal
 FLOOR = np.diag([0.001, 0.001, 0.0005]) ** 2  # of any match
 QUALITY = 4   # power of the inlier ratio by which a match that fits in part is doubted
@@ -100,7 +101,8 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
     x[2] = wrap(x[2])
     H = _without_false_information(H, _jacobian(-1j * n, arm), w)
     # The distance to the nearest of many points hides the noise; the scan's own scatter shows it.
-    sigma2 = OVERSAMPLING * max(LEAST_SIGMA, scan.noise, residual) ** 2
+    shared = min(max(CORRELATED / scan.spacing, 1.0), OVERSAMPLING)
+    sigma2 = shared * max(LEAST_SIGMA, scan.noise, residual) ** 2
     sigma2 /= max(ratio, 0.3) ** QUALITY
     information = H / sigma2
     information = information @ np.linalg.inv(np.eye(3) + FLOOR @ information)

@@ -54,7 +54,8 @@ class Cloud(Surface):
 
     points (N, 2) [m] along the surfaces, normals (N, 2) facing the laser (zero where there is
     too little surface), the outline of what is drawn; noise: scatter [m] of the points about
-    their surfaces, sweep [s]: time from the first beam to the last, 0 where it is not known.
+    their surfaces, sweep [s]: time from the first beam to the last, 0 where it is not known;
+    spacing [m] of neighbouring points on a surface.
     """
 
     points: Array
@@ -62,6 +63,7 @@ class Cloud(Surface):
     outline: Outline = field(default_factory=Outline)
     noise: float = 0.0
     sweep: float = 0.0
+    spacing: float = SPACING
 
 
 def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
@@ -88,7 +90,7 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
                                          abs(scan.angle_increment)))
     normals, noise = _surface(points, joined, origin)
     return Cloud(points, normals, Outline(placed, reach, hit, origin), noise,
-                 scan.time_increment * len(ranges))
+                 scan.time_increment * len(ranges), _spacing(points, joined))
 
 
 @lru_cache(maxsize=8)
@@ -128,6 +130,12 @@ def _thin(points: Array, joined: NDArray[np.bool_]) -> tuple[Array, NDArray[np.b
     first = np.concatenate([[0], first])
     count = np.diff(first, append=len(points))
     return np.add.reduceat(points, first) / count[:, None], joined[first[1:] - 1]
+
+
+def _spacing(points: Array, joined: NDArray[np.bool_]) -> float:
+    """Median distance [m] of neighbouring points (N, 2) on one surface."""
+    step = np.diff(points, axis=0)[joined]
+    return float(np.median(np.hypot(step[:, 0], step[:, 1]))) if len(step) else SPACING
 
 
 def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:

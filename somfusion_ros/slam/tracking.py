@@ -132,7 +132,7 @@ class Tracker:
             ratio = match.inlier_ratio
             if matched:
                 self._correct(match, match.covariance + sweep_covariance(
-                    scan.sweep, odometry.twist, self._noise))
+                    scan.sweep, odometry.twist))
                 if not (reason or was_lost) and ratio >= self.config.doubtful_inlier_ratio:
                     self.calibration.learn(previous, odometry,
                                            between(before, self.T_view_base),
