@@ -56,6 +56,18 @@ def test_scans_that_wait_too_long_are_dropped_and_counted() -> None:
     assert len(queue) == 0
 
 
+def test_a_scan_waits_for_the_odometry_of_its_sweep_but_not_for_ever() -> None:
+    queue, buffer, counts = queue_with([0.0, 1.0, 1.1])
+    queue.add(1.05, 'turning', now=10.0, sweep=0.1)
+    assert not list(queue.ready(10.5))
+    buffer.add(1.2, np.array([1.4, 0.0, 0.0]))
+    [(_, odometry)] = queue.ready(10.6)
+    assert odometry.twist[0] > 1.2, 'the base is faster during the sweep than before it'
+    queue.add(1.19, 'last', now=20.0, sweep=0.1)
+    assert [item for item, _ in queue.ready(21.1)] == ['last'], 'better than no scan'
+    assert not counts
+
+
 def test_scans_older_than_all_odometry_do_not_hold_up_the_others() -> None:
     queue, _, counts = queue_with([5.0, 6.0])
     queue.add(1.0, 'old', now=0.0)

@@ -18,15 +18,16 @@ MAX_GAP = 3600.0        # [s] a stamp that is farther ahead than this is strange
 
 
 class Waiting(NamedTuple):
-    """A scan that waits: its stamp [s], when it arrived [s, steady clock], and the scan."""
+    """A scan that waits: stamp and sweep [s], when it arrived [s, steady clock], and the scan."""
 
     stamp: float
+    sweep: float
     arrived: float
     item: Any
 
 
 class ScanQueue:
-    """Pairs scans with the odometry at their stamp; drops and counts those it never covers."""
+    """Pairs scans with the odometry of their sweep; drops and counts those it never covers."""
 
     def __init__(self, buffer: OdometryBuffer, timeout: float, count: Callable[..., None]) -> None:
         self._buffer, self._timeout, self._count = buffer, timeout, count
@@ -35,9 +36,9 @@ class ScanQueue:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, stamp: float, item: Any, now: float) -> None:
+    def add(self, stamp: float, item: Any, now: float, sweep: float = 0.0) -> None:
         """Let a scan wait."""
-        self._waiting.append(Waiting(stamp, now, item))
+        self._waiting.append(Waiting(stamp, sweep, now, item))
         if len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
             self._count('scans_too_many', 'scans come faster than they can be processed')
@@ -46,14 +47,15 @@ class ScanQueue:
         """Yield the scans that odometry covers now, in order."""
         while self._waiting:
             first = self._waiting[0]
-            odometry = self._buffer.at(first.stamp)
+            late = now - first.arrived > self._timeout
+            odometry = self._buffer.at(first.stamp, 0.0 if late else first.sweep)
             if odometry is not None:
                 self._waiting.popleft()
                 yield first.item, odometry
             elif self._buffer.passed(first.stamp):
                 self._waiting.popleft()   # odometry only goes on, so it is never covered
                 self._count('scans_before_odometry', 'a scan is older than the first odometry')
-            elif now - first.arrived > self._timeout:
+            elif late:
                 self._waiting.popleft()
                 self._count('scans_without_odometry',
                             f'no odometry covered a scan within {self._timeout} s')

@@ -124,7 +124,7 @@ class Session:
             self._jumps['scan'] += 1
             if self._jumps['scan'] > self._jumps['odometry']:
                 self._hold_until = now + self._timeout   # the odometry is still in the old time
-        self._queue.add(scan.stamp, (scan, tag), now)
+        self._queue.add(scan.stamp, (scan, tag), now, scan.sweep)
 
     def _rejoin(self, stamp: float, odometry: Odometry) -> None:
         """Go on after a jump of time, with the map where the odometry goes on, else without."""

@@ -5,7 +5,7 @@
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, hypot, sin
 
 import numpy as np
@@ -106,16 +106,20 @@ class OdometryBuffer:
         self._stamps.append(stamp)
         return True
 
-    def at(self, stamp: float) -> Odometry | None:
+    def at(self, stamp: float, sweep: float = 0.0) -> Odometry | None:
         """
-        Odometry at a stamp [s] plus lag; None where the samples do not cover it.
+        Odometry at a stamp [s] plus lag; None where the samples do not cover it and the sweep [s].
 
-        It is the nearest sample, moved along the mean twist around it. A log's stamps can be
+        The twist is the mean over the sweep that begins there, or about the stamp without one.
+        The pose is the nearest sample, moved along the mean twist around it. A log's stamps can be
         times of arrival, in bursts; a sample recorded with the scan still tells where that scan
         was taken, though its neighbours' stamps are wrong.
         """
-        if not self.covers(stamp):
+        if not self.covers(stamp, sweep):
             return None
+        if sweep > 0.0:
+            start, end = self.at(stamp), self.at(stamp + sweep)
+            return replace(start, twist=mean_twist(between(start.pose, end.pose), sweep))
         after = max(1, bisect_left(self._stamps, stamp))
         near = after - (stamp - self._stamps[after - 1] < self._stamps[after] - stamp)
         t, pose, slip = self._samples[near]
@@ -124,10 +128,10 @@ class OdometryBuffer:
         return Odometry(stamp, compose(pose, swept(twist, ahead)), twist,
                         None if growth is None else slip + growth * ahead)
 
-    def covers(self, stamp: float) -> bool:
-        """Tell whether the samples reach from before the stamp to after it plus lag."""
-        return (len(self._stamps) > 1
-                and self._stamps[0] <= stamp <= self._stamps[-1] - max(self.lag, 0.0))
+    def covers(self, stamp: float, sweep: float = 0.0) -> bool:
+        """Tell whether the samples reach from before the stamp to after it, lag and sweep [s]."""
+        return (len(self._stamps) > 1 and self._stamps[0] <= stamp
+                and stamp + sweep <= self._stamps[-1] - max(self.lag, 0.0))
 
     def passed(self, stamp: float) -> bool:
         """Tell whether the samples begin after the stamp, so that they never cover it."""

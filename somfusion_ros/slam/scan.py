@@ -14,6 +14,7 @@ from somfusion_ros.slam.surface import Surface
 
 SPACING = 0.04      # [m] of surface that one point stands for, where the beams are denser
 SURFACE_GAP = 0.15  # [m] neighbouring returns farther apart than this, at 1 m, are two surfaces
+LONGEST_SWEEP = 1.0  # [s] from first to last beam that a real laser takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,12 @@ class Scan:
     range_max: float
     time_increment: float = 0.0
     T_base_laser: Pose = field(default_factory=Pose)
+
+    @property
+    def sweep(self) -> float:
+        """Time [s] from the first beam to the last; 0 where it is not known."""
+        sweep = self.time_increment * len(self.ranges)
+        return sweep if 0.0 < sweep < LONGEST_SWEEP else 0.0
 
     def fault(self) -> str:
         """Name what makes the scan unusable, '' if nothing does."""
@@ -90,7 +97,7 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
                                          abs(scan.angle_increment)))
     normals, noise = _surface(points, joined, origin)
     return Cloud(points, normals, Outline(placed, reach, hit, origin), noise,
-                 scan.time_increment * len(ranges), _spacing(points, joined))
+                 scan.sweep, _spacing(points, joined))
 
 
 @lru_cache(maxsize=8)

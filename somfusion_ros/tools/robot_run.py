@@ -111,11 +111,13 @@ def paired(log: Log, buffer: OdometryBuffer,
             waiting.append(record)
         else:
             buffer.add(record.stamp, record.pose, record.slip)
-        while waiting and (buffer.covers(waiting[0].stamp) or buffer.passed(waiting[0].stamp)):
+        while waiting and (buffer.covers(waiting[0].stamp, waiting[0].sweep)
+                           or buffer.passed(waiting[0].stamp)):
             scan = waiting.popleft()
-            yield from _with(scan, buffer.at(scan.stamp), counters)
+            yield from _with(scan, buffer.at(scan.stamp, scan.sweep), counters)
     for scan in waiting:   # no odometry came after them
-        yield from _with(scan, _extrapolated(buffer, scan.stamp), counters)
+        odometry = buffer.at(scan.stamp) or _extrapolated(buffer, scan.stamp)
+        yield from _with(scan, odometry, counters)
 
 
 def _with(scan: Scan, odometry: Odometry | None,

@@ -101,7 +101,7 @@ def run_trial(trial: Trial, config: SlamConfig | None = None, slam: Slam | None 
         buffer.add(*sample)
     for scan in trial.scans:
         buffer.lag = slam.odometry_lag
-        odometry = buffer.at(scan.stamp)
+        odometry = buffer.at(scan.stamp, scan.sweep)
         if odometry is not None:
             steps.append(slam.process(scan, odometry))
     stamps, poses = slam.trajectory()
