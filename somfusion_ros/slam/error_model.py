@@ -15,7 +15,7 @@ from somfusion_ros.geometry import Array, rotation
 
 # Share of a match's variance that the views after it inherit, from simulated drives: a laser of
 # 240 degrees and 4 m would have more, one that sees far would have less.
-HANDED_ON = 0.4
+HANDED_ON = 0.47
 SWEEP_NOISE = np.array([0.1, 0.1, 0.4])   # share of the motion during a sweep that is unknown
 
 
