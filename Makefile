@@ -28,10 +28,6 @@ OLDEST := .venv-oldest
 OLDEST_PYTHON := $(shell for p in python3.10 python3.11 $(PYTHON); do \
                      $$p -c 'import venv' 2>/dev/null && echo $$p && break; done)
 
-CORE_TESTS := $(foreach name,alignment bags cli ekf geometry global_map grid loops mapping maps \
-                  matching members merge motion norms orientation replay scan segmentation som \
-                  state_file team trajectory translation verification watch,test/test_$(name).py)
-
 SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
            $(shell find somfusion_ros -name '*.py')
 
@@ -39,17 +35,17 @@ SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.package
-	@$(BIN)/python -m somfusion_ros.tools.demo --output $(OUTPUT) $(DEMO_OPTIONS) $(BAGS)
+	@$(BIN)/python -m somfusion_ros.ros.apps.demo --output $(OUTPUT) $(DEMO_OPTIONS) $(BAGS)
 
 test: $(VENV)/.package
 	ROS_PYTHON_CHECK_FIELDS=1 $(BIN)/python -m pytest $(TESTS)
 
 # The core and the commands without ROS, with the oldest versions of all that they need.
 oldest: $(OLDEST)/.dependencies
-	env -u CI $(OLDEST)/bin/python -m pytest -m 'not system and not newest' $(CORE_TESTS)
+	env -u CI $(OLDEST)/bin/python -m pytest -m 'not system and not newest' test/unit
 
 lint: $(VENV)/.package
-	$(BIN)/python -m pytest test/test_style.py test/test_architecture.py
+	$(BIN)/python -m pytest test/unit/test_style.py test/unit/test_architecture.py
 
 setup: $(VENV)/.package
 

@@ -80,10 +80,10 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'fusion_node = somfusion_ros.ros.fusion_node:main',
-            'player = somfusion_ros.ros.player:main',
-            'slam_node = somfusion_ros.ros.slam_node:main',
-            'somfusion = somfusion_ros.tools.cli:main',
+            'fusion_node = somfusion_ros.ros.fusion.node:main',
+            'player = somfusion_ros.ros.apps.player:main',
+            'slam_node = somfusion_ros.ros.slam.node:main',
+            'somfusion = somfusion_ros.cli.main:main',
         ],
     },
     zip_safe=True,

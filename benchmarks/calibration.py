@@ -31,10 +31,10 @@ import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from real_maps import RealMaps  # noqa: E402
 from scipy.optimize import minimize  # noqa: E402
-from somfusion_ros.config import FusionConfig  # noqa: E402
 from somfusion_ros.fusion import verdict as verdicts  # noqa: E402
 from somfusion_ros.fusion.alignment import Clock, FEWEST, search, verify  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
+from somfusion_ros.fusion.learned_map import learn  # noqa: E402
 from somfusion_ros.geometry import Array, inverse  # noqa: E402
 
 TESTS = (verdicts.AGREEMENT, verdicts.DISTINCTION, verdicts.PLACES)

@@ -27,12 +27,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import baselines  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
-from somfusion_ros.config import FusionConfig  # noqa: E402
-from somfusion_ros.fusion import (field, orientation, seeds, translation,  # noqa: E402
-                                  verification)
+from somfusion_ros.fusion import measures, orientation, rasters, translation, voting  # noqa: E402
 from somfusion_ros.fusion.alignment import align, Clock, search  # noqa: E402
+from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
 from somfusion_ros.fusion.features import Map  # noqa: E402
-from somfusion_ros.fusion.learning import CELL, learn  # noqa: E402
+from somfusion_ros.fusion.learned_map import CELL, learn  # noqa: E402
 from somfusion_ros.geometry import compose, Pose, rotation, wrap  # noqa: E402
 from somfusion_ros.grid import Grid  # noqa: E402
 
@@ -75,10 +74,10 @@ def from_centroids(target: Map, source: Map, turns: np.ndarray) -> np.ndarray:
 
 def best_by_V(target: Map, source: Map, starts: np.ndarray) -> Found:
     """Run the published translation from every start; V chooses, and accepts from 90 %."""
-    nearest = field.nearest(target.features.centres, 2.0 * CELL, 1.0)
+    nearest = rasters.nearest(target.features.centres, 2.0 * CELL, 1.0)
     poses = np.array([translation.mean_shift(start, source.features, target.features,
                                              nearest)[0] for start in starts])
-    V = np.array([item.V for item in verification.measure(poses, target, source)])
+    V = np.array([item.V for item in measures.measure(poses, target, source)])
     return poses[V.argmax()], bool(V.max() >= PUBLISHED_V)
 
 
@@ -98,7 +97,7 @@ def four_fold(pair: Pair) -> Found:
 def voted(pair: Pair) -> np.ndarray:
     """Seeds by votes of all cluster pairs, for every orientation."""
     target, source = learn(pair.target), learn(pair.source)
-    votes = seeds.VoteGrid(target.features, source.features, 0.5, 512)
+    votes = voting.VoteGrid(target.features, source.features, 0.5, 512)
     return np.concatenate([votes.seeds(turn, 20).reshape(-1, 3) for turn in
                            orientation.families(turns_of(target, source, 4))])
 
@@ -113,9 +112,9 @@ def rescored(pair: Pair) -> Found:
     """Settle all seeds point to line, and let matched wall against missed wall choose."""
     target, source = learn(pair.target), learn(pair.source)
     poses, _ = translation.settle(voted(pair), source.sketch, target.features, target.nearest)
-    score = verification.scores(poses, target, source)
+    score = measures.scores(poses, target, source)
     best = poses[score.argmax()]
-    evidence, = verification.measure(best[None], target, source)
+    evidence, = measures.measure(best[None], target, source)
     return best, bool(evidence.V >= PUBLISHED_V)
 
 
@@ -123,7 +122,7 @@ def by_cells(pair: Pair) -> Found:
     """Let the cells choose among what the clusters propose."""
     target, source = learn(pair.target), learn(pair.source)
     poses, _ = search(target, source, FusionConfig(), Clock())
-    evidence = verification.measure(poses, target, source)
+    evidence = measures.measure(poses, target, source)
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
     return poses[best], bool(evidence[best].V >= PUBLISHED_V)
 

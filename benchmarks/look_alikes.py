@@ -22,12 +22,12 @@ from typing import NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import apply, Array, between, compose, squared_mahalanobis, wrap
+from somfusion_ros.simulation import drive
+from somfusion_ros.simulation.floor_plan import box, PLANS, polygon, wall
+from somfusion_ros.simulation.laser import Laser, Scene
+from somfusion_ros.simulation.trial import Outcome, run_trial, simulate_trial, Trial
 from somfusion_ros.slam.loops import CHI2, Loop
 from somfusion_ros.slam.slam import Slam
-from somfusion_ros.tools import drive
-from somfusion_ros.tools.floor_plan import box, PLANS, polygon, wall
-from somfusion_ros.tools.laser import Laser, Scene
-from somfusion_ros.tools.trial import Outcome, run_trial, simulate_trial, Trial
 
 FALSE = (0.5, 0.2)             # [m] [rad] by which a loop that joins different places is wrong
 AROUND = 3                     # views on each side that show where a view's place is

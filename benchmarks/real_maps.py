@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from somfusion_ros.geometry import Array, between, fit, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.tools.maps import read_map
-from somfusion_ros.tools.trajectories import read_tum
+from somfusion_ros.io.maps import read_map
+from somfusion_ros.io.trajectories import read_tum
 
 Random = np.random.Generator
 

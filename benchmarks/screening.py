@@ -22,12 +22,12 @@ for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 from builtin_interfaces.msg import Time  # noqa: E402, I100
 import numpy as np  # noqa: E402
 from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.fusion.screening import outline, screen  # noqa: E402
+from somfusion_ros.fusion.learned_map import learn  # noqa: E402
 from somfusion_ros.grid import Grid  # noqa: E402
-from somfusion_ros.ros.conversions import cluster_cloud  # noqa: E402
-from somfusion_ros.ros.team_messages import clusters_from_message  # noqa: E402
-from somfusion_ros.tools.cluster_rows import cluster_rows  # noqa: E402
+from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
+from somfusion_ros.ros.common.conversions import cluster_cloud  # noqa: E402
+from somfusion_ros.ros.fusion.team_messages import clusters_from_message  # noqa: E402
+from somfusion_ros.team.screening import outline, screen  # noqa: E402
 
 SHARED = Path(os.environ.get('SOMFUSION_DATA', Path(__file__).resolve().parents[2] / 'shared'))
 

@@ -25,9 +25,9 @@ for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 import numpy as np  # noqa: E402, I100
 from peers import missing, SYSTEMS  # noqa: E402
 from scores import score  # noqa: E402
+from somfusion_ros.io.bags.log import open_log  # noqa: E402
+from somfusion_ros.offline.robot_run import dense, paired  # noqa: E402
 from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
-from somfusion_ros.tools.bags import open_log  # noqa: E402
-from somfusion_ros.tools.robot_run import dense, paired  # noqa: E402
 
 SHARED = Path(os.environ.get('SOMFUSION_DATA', Path(__file__).resolve().parents[2]
                              / 'shared' / 'data'))

@@ -20,14 +20,14 @@ for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 
 import numpy as np  # noqa: E402, I100
 from somfusion_ros.geometry import Array, between  # noqa: E402
+from somfusion_ros.simulation import drive  # noqa: E402
+from somfusion_ros.simulation.floor_plan import box, polygon  # noqa: E402
+from somfusion_ros.simulation.laser import Scene  # noqa: E402
+from somfusion_ros.simulation.trial import SICK, simulate_trial, Trial  # noqa: E402
+from somfusion_ros.slam.constraint import Relation  # noqa: E402
 from somfusion_ros.slam.ekf import DelayedStateEkf  # noqa: E402
 from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
-from somfusion_ros.slam.relation import Relation  # noqa: E402
 from somfusion_ros.slam.slam import Slam  # noqa: E402
-from somfusion_ros.tools import drive  # noqa: E402
-from somfusion_ros.tools.floor_plan import box, polygon  # noqa: E402
-from somfusion_ros.tools.laser import Scene  # noqa: E402
-from somfusion_ros.tools.trial import SICK, simulate_trial, Trial  # noqa: E402
 
 SIDE, WIDTH = 190.0, 6.0   # [m] of the square that is driven, and of its street
 

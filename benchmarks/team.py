@@ -22,7 +22,7 @@ import time
 
 for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
     os.environ.setdefault(name, '1')
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'support'))
 
 from helpers import ROOT, ros_environment  # noqa: E402, I100
 from network import Network, on_network, partition  # noqa: E402

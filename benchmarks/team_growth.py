@@ -22,19 +22,19 @@ import tracemalloc
 
 for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
     os.environ.setdefault(name, '1')
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'support'))
 
 from helpers import fake_grid, furnished_room  # noqa: E402, I100
 import numpy as np  # noqa: E402
 from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.global_map import merge_grids  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.fusion.map_stream import MapEncoder  # noqa: E402
-from somfusion_ros.fusion.members import Team  # noqa: E402
-from somfusion_ros.fusion.screening import outline, screen  # noqa: E402
-from somfusion_ros.fusion.shared_map import SharedMap  # noqa: E402
-from somfusion_ros.fusion.team import Edge  # noqa: E402
+from somfusion_ros.fusion.learned_map import learn  # noqa: E402
 from somfusion_ros.geometry import between, Pose  # noqa: E402
+from somfusion_ros.team.global_map import merge_grids  # noqa: E402
+from somfusion_ros.team.graph import Edge  # noqa: E402
+from somfusion_ros.team.map_codec import MapEncoder  # noqa: E402
+from somfusion_ros.team.members import Team  # noqa: E402
+from somfusion_ros.team.screening import outline, screen  # noqa: E402
+from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
 
 ROOM, SIDE = 11.0, 7   # [m] between two rooms, rooms in a row of the building
 WRONG = 0.05           # share of the accepted pairs that are wrong

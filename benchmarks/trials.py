@@ -17,11 +17,11 @@ import sys
 import numpy as np
 from scipy.stats import chi2
 from somfusion_ros.geometry import Array
-from somfusion_ros.tools import drive
-from somfusion_ros.tools.floor_plan import PLANS
-from somfusion_ros.tools.laser import Laser, Scene
-from somfusion_ros.tools.simulate import drive_robot, SimulationOptions
-from somfusion_ros.tools.trial import Outcome, run_trial, SICK, simulate_trial, Trial
+from somfusion_ros.simulation import drive
+from somfusion_ros.simulation.floor_plan import PLANS
+from somfusion_ros.simulation.laser import Laser, Scene
+from somfusion_ros.simulation.simulate import drive_robot, SimulationOptions
+from somfusion_ros.simulation.trial import Outcome, run_trial, SICK, simulate_trial, Trial
 
 MOMENTS = (0.1, 0.25, 0.5, 0.75, 1.0)
 WHEEL_ERROR = 0.03

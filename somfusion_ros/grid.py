@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from somfusion_ros.geometry import apply, Array, inverse, Pose
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100

@@ -21,7 +21,7 @@ def rng() -> np.random.Generator:
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> int:
     """Choose a free ROS domain, set for this process and those it starts."""
-    from somfusion_ros.tools.processes import free_domain
+    from somfusion_ros.ros.apps.processes import free_domain
     domain = free_domain()
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     return domain

@@ -8,14 +8,14 @@ from time import perf_counter
 from weakref import WeakKeyDictionary
 
 import numpy as np
-
-from somfusion_ros.config import FusionConfig
-from somfusion_ros.fusion import bending, orientation, refinement, seeds, translation, verification
+from somfusion_ros.fusion import deformation, measures, orientation, refinement, translation
 from somfusion_ros.fusion import verdict as verdicts
+from somfusion_ros.fusion import voting
+from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.features import Map, Warp
-from somfusion_ros.fusion.field import nearest
-from somfusion_ros.fusion.learning import CELL, learn
+from somfusion_ros.fusion.learned_map import CELL, learn
 from somfusion_ros.fusion.map_trace import map_trace, MapTrace
+from somfusion_ros.fusion.rasters import nearest
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
 
@@ -124,14 +124,14 @@ def search(target: Map, source: Map, config: FusionConfig,
     turns = orientation.tune(orientation.peaks(correlation, PEAKS), target.spectrum,
                              source.spectrum)
     clock.lap('orientation')
-    votes = seeds.VoteGrid(target.features, source.features, config.vote_cell, VOTE_CELLS)
+    votes = voting.VoteGrid(target.features, source.features, config.vote_cell, VOTE_CELLS)
     poses = np.concatenate([votes.seeds(turn, config.seeds).reshape(-1, 3)
                             for turn in orientation.families(turns)])
     clock.lap('seeds')
     poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
-    score = verification.scores(poses, target, source, every=2)
-    poses = verification.distinct(poses, score, source.pivot, CANDIDATES)
-    matched, against = verification.fine(poses, target, source)
+    score = measures.scores(poses, target, source, every=2)
+    poses = measures.distinct(poses, score, source.pivot, CANDIDATES)
+    matched, against = measures.fine(poses, target, source)
     rank = np.argsort(-matched ** 1.5 / (matched + against + 1.0), kind='stable')
     poses = poses[rank[:config.finalists]]
     poses, J = translation.settle(poses, source.features, target.features, target.nearest, *FINAL)
@@ -140,9 +140,9 @@ def search(target: Map, source: Map, config: FusionConfig,
 
 
 def verify(poses: Array, J: Array, target: Map, source: Map, config: FusionConfig
-           ) -> tuple[verdicts.Verdict, Array, Array, verification.Evidence, Warp]:
+           ) -> tuple[verdicts.Verdict, Array, Array, measures.Evidence, Warp]:
     """Judge the best of hypotheses (B, 3); return all with their J, its evidence and its warp."""
-    evidence = verification.measure(poses, target, source)
+    evidence = measures.measure(poses, target, source)
     first = _judge(poses, evidence, {}, source, config)
     if first.is_clear:
         bent = {first.best: _bent(poses[first.best], target, source)}
@@ -152,7 +152,7 @@ def verify(poses: Array, J: Array, target: Map, source: Map, config: FusionConfi
     beside, more = translation.settle(beside, source.sketch, target.features, target.nearest,
                                       *FINAL)
     poses, J = np.concatenate([poses, beside]), np.hstack([J, more])
-    evidence += verification.measure(beside, target, source)
+    evidence += measures.measure(beside, target, source)
     # Bending may turn the order round: the best two places are judged bent.
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
     others = verdicts.rivals(poses, evidence, best, source.pivot)
@@ -161,8 +161,8 @@ def verify(poses: Array, J: Array, target: Map, source: Map, config: FusionConfi
     return verdict, poses, J, *bent[verdict.best]
 
 
-def _judge(poses: Array, evidence: list[verification.Evidence],
-           bent: dict[int, tuple[verification.Evidence, Warp]], source: Map,
+def _judge(poses: Array, evidence: list[measures.Evidence],
+           bent: dict[int, tuple[measures.Evidence, Warp]], source: Map,
            config: FusionConfig) -> verdicts.Verdict:
     """Judge the best of hypotheses (B, 3), of those that were bent if any was."""
     items = {k: item for k, (item, _) in bent.items()} or dict(enumerate(evidence))
@@ -171,10 +171,10 @@ def _judge(poses: Array, evidence: list[verification.Evidence],
     return verdicts.judge(poses, evidence, best, items, others, config.estimation_confidence)
 
 
-def _bent(pose: Array, target: Map, source: Map) -> tuple[verification.Evidence, Warp]:
+def _bent(pose: Array, target: Map, source: Map) -> tuple[measures.Evidence, Warp]:
     """Evidence of a hypothesis (3,) when the maps may bend, and how they bend."""
-    warp = bending.bend(pose, target, source)
-    evidence, = verification.measure(pose[None], target, source, warp)
+    warp = deformation.bend(pose, target, source)
+    evidence, = measures.measure(pose[None], target, source, warp)
     return evidence, warp
 
 
@@ -189,18 +189,17 @@ def _align_as_published(target: Map, source: Map, config: FusionConfig,
     pose, J = translation.mean_shift(start, source.features, target.features,
                                      nearest(target.features.centres, 2.0 * CELL, 1.0))
     clock.lap('translation')
-    evidence, = verification.measure(pose[None], target, source)
+    evidence, = measures.measure(pose[None], target, source)
     verdict = verdicts.judge_by_V(evidence, PUBLISHED_V)
     clock.lap('verification')
     return _report(pose, np.diag([0.01, 0.01, 1e-4]), verdict, evidence, J, pose[None], clock)
 
 
-def trace(target: Grid, source: Grid, config: FusionConfig | None = None,
-          rng: np.random.Generator | None = None) -> Trace:
+def trace(target: Grid, source: Grid, config: FusionConfig | None = None) -> Trace:
     """Return `align` together with its intermediate products, for figures."""
     config = config or FusionConfig()
     first, second = (map_trace(learn(grid, config)) for grid in (target, source))
-    alignment = align(target, source, config, rng)
+    alignment = align(target, source, config)
     correlation = orientation.correlate(first.histogram, second.histogram)
     return Trace(alignment, first, second, correlation, alignment.performance_index)
 
@@ -220,7 +219,7 @@ class Clock:
 
 
 def _report(pose: Array, covariance: Array, verdict: verdicts.Verdict,
-            evidence: verification.Evidence, J: Iterable[float], poses: Array,
+            evidence: measures.Evidence, J: Iterable[float], poses: Array,
             clock: Clock) -> Alignment:
     """Put the answer together."""
     rival = None if verdict.rival is None else RunnerUp(

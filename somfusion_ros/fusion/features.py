@@ -12,7 +12,6 @@ from functools import cached_property
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
 from somfusion_ros.geometry import Array, inverse, Pose
 
 Index = NDArray[np.intp]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from somfusion_ros.fusion import orientation
 from somfusion_ros.fusion.features import Map
 from somfusion_ros.geometry import Array

@@ -11,7 +11,6 @@ of both maps project onto lines of every direction, which is finer than one degr
 
 import numpy as np
 from numpy.typing import NDArray
-
 from somfusion_ros.geometry import Array
 
 BINS = 360

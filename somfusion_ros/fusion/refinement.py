@@ -9,7 +9,6 @@ map is preferred; a robust weight keeps what has moved or bent from pulling.
 """
 
 import numpy as np
-
 from somfusion_ros.fusion.features import Map, match, place, Warp
 from somfusion_ros.geometry import Array, inverse, rotation
 

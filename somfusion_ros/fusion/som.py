@@ -12,7 +12,6 @@ of a wall and a graph of a crossing.
 
 import numpy as np
 from numpy.typing import NDArray
-
 from somfusion_ros.geometry import Array
 
 Index = NDArray[np.intp]

@@ -10,7 +10,6 @@ with a small turn: clusters of two maps sit at different places along the same w
 """
 
 import numpy as np
-
 from somfusion_ros.fusion.features import Clusters, match, Matches, Raster
 from somfusion_ros.geometry import Array
 

@@ -16,9 +16,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-
 from somfusion_ros.fusion.features import Index, place
-from somfusion_ros.fusion.verification import Evidence
+from somfusion_ros.fusion.measures import Evidence
 from somfusion_ros.geometry import Array, wrap
 
 SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]

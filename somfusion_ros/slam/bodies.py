@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from somfusion_ros.geometry import apply, Array, compose
 from somfusion_ros.slam.scan import Scan
 

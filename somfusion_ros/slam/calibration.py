@@ -16,7 +16,6 @@ A Kalman filter with constant state holds each line's coefficients and their unc
 from dataclasses import dataclass
 
 import numpy as np
-
 from somfusion_ros.geometry import Array, between
 from somfusion_ros.slam.motion import Odometry
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from somfusion_ros.geometry import Array, wrap
 from somfusion_ros.slam.local_map import FIELD_STEP, LocalMap
 from somfusion_ros.slam.scan import Cloud

@@ -14,10 +14,9 @@ covariance form is to forget their rows, and hang between their anchors from the
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
-
-from somfusion_ros.geometry import (
-    Array, between, between_jacobians, compose, compose_jacobians, difference, wrap)
-from somfusion_ros.slam.relation import Relation
+from somfusion_ros.geometry import (Array, between, between_jacobians, compose, compose_jacobians,
+                                    difference, wrap)
+from somfusion_ros.slam.constraint import Relation
 
 GROWTH = 64    # views of room that P grows by, at least
 ANCHORS = 4    # one of so many old views stays in P

@@ -10,7 +10,6 @@ from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-
 from somfusion_ros.geometry import Array, rotation
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.surface import Surface

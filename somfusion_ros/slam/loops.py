@@ -19,11 +19,10 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import (
-    apply, Array, between, compose, inverse, squared_mahalanobis, wrap)
-from somfusion_ros.slam.relation import Relation
+from somfusion_ros.geometry import (apply, Array, between, compose, inverse, squared_mahalanobis,
+                                    wrap)
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.constraint import Relation
 from somfusion_ros.slam.scan import Cloud
 
 CANDIDATES = 2           # old passes that a new view is matched against

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
 from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
 from somfusion_ros.grid import Grid, MAX_CELLS
 from somfusion_ros.slam.scan import Cloud

@@ -15,7 +15,6 @@ from math import cos, sin
 
 from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
-
 from somfusion_ros.geometry import Array, difference, rotation, wrap
 from somfusion_ros.slam.local_map import lift, LocalMap
 from somfusion_ros.slam.scan import Cloud

@@ -10,7 +10,6 @@ from math import cos, hypot, sin
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from somfusion_ros.geometry import Array, between, compose, wrap
 
 HISTORY = 20000  # odometry samples kept for scans that come late

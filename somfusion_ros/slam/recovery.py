@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-
 from somfusion_ros.geometry import Array, between
 from somfusion_ros.slam.correlative import Prior, search
 from somfusion_ros.slam.local_map import LocalMap

@@ -7,9 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-
 from somfusion_ros.geometry import apply, Array, Pose
-from somfusion_ros.slam.outline import Outline
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.surface import Surface
 
 SPACING = 0.04      # [m] of surface that one point stands for, where the beams are denser

@@ -7,16 +7,15 @@ from functools import partial
 from threading import Lock
 
 import numpy as np
-
-from somfusion_ros.config import SlamConfig
 from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.slam import closing, loops, smoothing
+from somfusion_ros.slam import loop_matching, loops, smoothing
+from somfusion_ros.slam.checkpoint import Memory, State
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.constraint import Relation
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.mapping import Mapper, MapScan
-from somfusion_ros.slam.memory import Memory, State
 from somfusion_ros.slam.motion import Odometry
-from somfusion_ros.slam.relation import Relation
 from somfusion_ros.slam.scan import Cloud, cloud, Scan
 from somfusion_ros.slam.step import Step
 from somfusion_ros.slam.tracking import Track, Tracker
@@ -83,11 +82,11 @@ class Slam:
             memory = self._memory
             targets = loops.candidates(new, memory.ekf, np.array(memory.centres), self.config)
             poses = memory.ekf.poses.copy()
-        seen = closing.recent(new, poses, self._memory.clouds) if targets else None
-        around = partial(closing.local_map, newest=new - self.config.loop_minimum_gap,
+        seen = loop_matching.recent(new, poses, self._memory.clouds) if targets else None
+        around = partial(loop_matching.local_map, newest=new - self.config.loop_minimum_gap,
                          poses=poses, clouds=self._memory.clouds)
         for target in targets:
-            found = closing.match(target, new, seen, around, self.config)
+            found = loop_matching.match(target, new, seen, around, self.config)
             if found is None:
                 self.counters['loops_rejected'] += 1
             else:

@@ -14,9 +14,8 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
-
 from somfusion_ros.geometry import Array, wrap
-from somfusion_ros.slam.relation import Relation
+from somfusion_ros.slam.constraint import Relation
 
 ROBUST = 3.0          # loop residuals beyond this many sigmas count less and less (Cauchy)
 CONVERGED = 1e-4      # [m] [rad]

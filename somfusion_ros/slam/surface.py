@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-
 from somfusion_ros.geometry import Array
 
 

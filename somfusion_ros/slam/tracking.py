@@ -11,18 +11,16 @@ however long the robot has driven.
 from dataclasses import dataclass
 
 import numpy as np
-
-from somfusion_ros.config import SlamConfig
-from somfusion_ros.geometry import (
-    Array, between, compose, compose_jacobians, difference, squared_mahalanobis, wrap)
+from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
+                                    squared_mahalanobis, wrap)
 from somfusion_ros.slam.calibration import Calibration
-from somfusion_ros.slam.error_model import (
-    along, HANDED_ON, ScaleError, sweep_covariance, turned)
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.covariance import along, HANDED_ON, ScaleError, sweep_covariance, turned
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import FEWEST, Match, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
 from somfusion_ros.slam.recovery import Attempt, attempts, near, rivals, same
-from somfusion_ros.slam.resuming import odometry_began_anew
+from somfusion_ros.slam.restart import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
 
 DOUBT = 36.0             # squared Mahalanobis distance at which match and odometry disagree

@@ -3,7 +3,6 @@
 """The path between the scans, in the shape that the odometry gives it."""
 
 import numpy as np
-
 from somfusion_ros.geometry import Array, between, compose
 
 LARGEST = (0.3, 0.3)   # [m] [rad] odometry that misses a step by more does not shape it

@@ -1,0 +1,55 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`somfusion replay`: logs of one or more robots in, maps and trajectories out."""
+
+import argparse
+
+from somfusion_ros.cli.options import add_fusion, add_output, count, given, pose, positive
+
+
+def add(commands: argparse._SubParsersAction) -> None:
+    """Describe `replay`."""
+    command = commands.add_parser(
+        'replay', help='logs of one or more robots -> maps, trajectories, global map',
+        description='Run the SLAM over one bag per robot, then merge the maps. Topics, laser '
+                    'mount and odometry are found in each bag unless they are named here.')
+    command.add_argument('bags', nargs='+', metavar='BAG',
+                         help='rosbag1, or rosbag2 in sqlite3 or mcap; one robot per bag')
+    add_output(command)
+    command.add_argument('--scan-topic', help='topic of the laser scans')
+    command.add_argument('--odom-topic', help='topic of nav_msgs/Odometry')
+    command.add_argument('--odometry-source', default='auto',
+                         choices=['auto', 'odom', 'encoders', 'tf'],
+                         help='odom: nav_msgs/Odometry; encoders: two wheels in joint states; '
+                              'tf: odom -> base in /tf; auto: the first of these in the bag')
+    command.add_argument('--laser-pose', type=pose, metavar='X,Y,THETA',
+                         help='laser in the base frame [m, m, rad], instead of tf_static; '
+                              'write --laser-pose=-0.1,0,0 where X is negative')
+    command.add_argument('--wheel-radius', type=positive, metavar='M', help='for encoders [m]')
+    command.add_argument('--wheel-separation', type=positive, metavar='M',
+                         help='for encoders [m]')
+    command.add_argument('--resolution', type=positive, metavar='M',
+                         help='edge of a map cell [m] (default 0.05)')
+    command.add_argument('--jobs', type=count, metavar='N',
+                         help='robots at work at once (default: one per core)')
+    command.add_argument('--bag', action='store_true',
+                         help='also write DIR/bag (mcap): maps, poses, tf, clusters and the '
+                              'global map over time, for Foxglove and RViz')
+    add_fusion(command)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run `replay`."""
+    from somfusion_ros.fusion.config import FusionConfig
+    from somfusion_ros.io.bags.log import BagOptions
+    from somfusion_ros.io.parameters import make, read_parameters
+    from somfusion_ros.offline.replay import replay, ReplayOptions
+    from somfusion_ros.slam.config import SlamConfig
+    values = read_parameters(options.parameters)
+    bags = BagOptions(options.scan_topic, options.odom_topic, options.odometry_source,
+                      options.laser_pose, options.wheel_radius, options.wheel_separation)
+    replay(options.bags, options.output, ReplayOptions(
+        bags, make(SlamConfig, values, **given(resolution=options.resolution)),
+        make(FusionConfig, values, **given(method=options.method)),
+        options.jobs, not options.no_report, options.bag))

@@ -1,0 +1,23 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`somfusion watch`: live maps of a team in the terminal."""
+
+import argparse
+import importlib.util
+import os
+import sys
+
+
+def add(commands: argparse._SubParsersAction) -> None:
+    """Describe `watch`; its options are its own program's."""
+    command = commands.add_parser(
+        'watch', help='live maps of a team in the terminal', add_help=False)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Become `watch`, which needs ROS as nothing else here does."""
+    if importlib.util.find_spec('rclpy') is None:
+        raise ValueError('rclpy is missing: source ROS 2 Jazzy, or pip install somfusion_ros[ros]')
+    os.execv(sys.executable, [sys.executable, '-m', 'somfusion_ros.ros.apps.watch',
+                              *options.more])

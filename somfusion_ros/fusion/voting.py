@@ -1,0 +1,113 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Seeds for the local translation search: all pairs of clusters vote at once.
+
+Algorithm 2 is local, so it gets seeds. Every cluster is drawn on a coarse grid as a complex
+number, its norm on doubled angles. The correlation of two such grids adds up cos(2 * angle
+between norms) over the pairs of clusters that a shift brings together: parallel walls vote for
+it, crossing walls against it. Whitening, as in phase correlation, keeps long walls and dense
+clutter from drowning what is rare; without it the right shift ranks tens of places lower where
+the maps share little.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from somfusion_ros.fusion.features import Clusters
+from somfusion_ros.geometry import Array, rotation
+
+SMOOTH = 1.0      # width of a vote [bins]
+WHITE = 0.9       # share of the whitening: 0 plain correlation, 1 phase correlation
+QUARTERS = 4
+
+
+class VoteGrid:
+    """Two maps drawn on one coarse grid, the source turned by any of a family of angles."""
+
+    def __init__(self, target: Clusters, source: Clusters, bin_size: float, max_bins: int) -> None:
+        """Draw the target; `bin_size` [m] grows where more than `max_bins` would be needed."""
+        self.centre_target, side, _ = _extent(target.centres)
+        self.centre_source, _, reach = _extent(source.centres)
+        self.source = source
+        extent = side + 2.0 * reach     # of all places of the source that touch the target
+        self.bin = max(bin_size, extent / max_bins)
+        self.size = fft.next_fast_len(int(np.ceil(extent / self.bin)) + 2)
+        self.target = self._draw(target, target.centres - self.centre_target, target.norms)
+        wave = fft.fftfreq(self.size)
+        blur = np.exp(-2.0 * (np.pi * SMOOTH * wave) ** 2).astype(np.float32)
+        self.target *= (blur[:, None] * blur / self.size ** 2).astype(np.float32)
+
+    def seeds(self, theta: float, count: int) -> Array:
+        """
+        Find the best shifts of the source turned by theta [rad] and by its 4-fold companions.
+
+        A turn by 90 degrees only re-indexes the source's spectrum, so that the companions need
+        no transform of their own.
+
+        Returns
+        -------
+        (4, count, 3) poses T_target_source, best first for each of the four turns
+        """
+        R = rotation(theta)
+        spectrum = self._draw(self.source, (self.source.centres - self.centre_source) @ R.T,
+                              self.source.norms @ R.T)
+        found = []
+        for quarter in range(QUARTERS):
+            if quarter:
+                spectrum = _quarter_turn(spectrum)
+            sign = -1.0 if quarter % 2 else 1.0     # doubled angles: 90 degrees is half a turn
+            votes = sign * _transform(self.target * np.conj(spectrum), cv2.DFT_INVERSE).real
+            angle = theta + quarter * np.pi / 2.0
+            shift = self._peaks(votes, count) * self.bin
+            at = shift + self.centre_target - rotation(angle) @ self.centre_source
+            found.append(np.column_stack([at, np.full(len(at), angle)]))
+        return np.stack(found)
+
+    def _peaks(self, votes: Array, count: int) -> NDArray[np.intp]:
+        """Highest local maxima (count, 2) as signed shifts (x, y) [bins]."""
+        peak = np.flatnonzero(votes >= cv2.dilate(votes, np.ones((3, 3), np.uint8)))
+        height = votes.ravel()[peak]
+        if len(peak) > count:
+            strong = height >= np.partition(height, -count)[-count]
+            peak, height = peak[strong], height[strong]
+        best = np.resize(peak[np.argsort(-height, kind='stable')], count)
+        shift = np.column_stack(np.divmod(best, self.size)[::-1])
+        return np.where(shift > self.size // 2, shift - self.size, shift)
+
+    def _draw(self, clusters: Clusters, places: Array, norms: Array) -> NDArray[np.complex64]:
+        """Whitened transform of clusters drawn at places (K, 2) [m] around the grid's origin."""
+        value = clusters.weights * clusters.straight * (norms[:, 0] + 1j * norms[:, 1]) ** 2
+        low = np.floor(places / self.bin).astype(np.intp)
+        part = places / self.bin - low
+        flat, drawn = [], []
+        for dx, px in ((0, 1.0 - part[:, 0]), (1, part[:, 0])):
+            for dy, py in ((0, 1.0 - part[:, 1]), (1, part[:, 1])):
+                row, column = (low[:, 1] + dy) % self.size, (low[:, 0] + dx) % self.size
+                flat.append(row * self.size + column)
+                drawn.append(value * px * py)
+        image = np.zeros(self.size ** 2, np.complex64)
+        np.add.at(image, np.concatenate(flat), np.concatenate(drawn).astype(np.complex64))
+        spectrum = _transform(image.reshape(self.size, self.size))
+        power = spectrum.real ** 2 + spectrum.imag ** 2
+        return spectrum * cv2.pow(power + np.float32(1e-4) * power.mean(), -WHITE / 2.0)
+
+
+def _transform(image: NDArray[np.complex64], flags: int = 0) -> NDArray[np.complex64]:
+    """Discrete Fourier transform (N, N), or N * N times its inverse."""
+    pairs = image.view(np.float32).reshape(*image.shape, 2)
+    return cv2.dft(pairs, flags=flags).view(np.complex64)[:, :, 0]
+
+
+def _quarter_turn(spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Spectrum of the image turned by 90 degrees counter-clockwise about the grid's origin."""
+    # f'(x, y) = f(y, -x), so F'(kx, ky) = F(ky, -kx): rows are y, columns x.
+    flipped = np.roll(spectrum[::-1], 1, axis=0)    # ky -> -ky
+    return np.ascontiguousarray(flipped.T)
+
+
+def _extent(points: Array) -> tuple[Array, float, float]:
+    """Centre (2,) and longer side of the points' bounding box, and their reach around it [m]."""
+    centre, sides = (points.min(0) + points.max(0)) / 2.0, np.ptp(points, axis=0)
+    return centre, float(sides.max()), float(np.hypot(*(points - centre).T).max())

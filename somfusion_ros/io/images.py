@@ -1,0 +1,68 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Grey images: PGM in its binary (P5) and its plain (P2) form; others through OpenCV."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from somfusion_ros.grid import MAX_CELLS
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """Read a grey image as shades (H, W) 0..255; OSError or ValueError with the reason."""
+    data = path.read_bytes()
+    if data[:2] in (b'P5', b'P2'):
+        return _parse_pgm(data)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    if image is None:
+        raise ValueError('not an image (PGM expected)')
+    return image
+
+
+def write_pgm(path: Path, shades: NDArray[np.uint8]) -> None:
+    """Write shades (H, W) as binary PGM."""
+    height, width = shades.shape
+    path.write_bytes(b'P5\n%d %d\n255\n' % (width, height) + shades.tobytes())
+
+
+def _parse_pgm(data: bytes) -> NDArray[np.uint8]:
+    """Parse a PGM file; ValueError where it is cut off or contradicts itself."""
+    (width, height, largest), body = _header(data)
+    if not (0 < width and 0 < height and width * height <= MAX_CELLS and 0 < largest < 65536):
+        raise ValueError(f'PGM header makes no sense: {width} x {height}, maximum {largest}')
+    count = width * height
+    if data[:2] == b'P2':
+        try:
+            values = np.array(data[body:].split()[:count], dtype=np.int64)
+        except (ValueError, OverflowError):
+            raise ValueError('PGM holds something that is not a number') from None
+    else:
+        dtype = np.dtype(np.uint8 if largest < 256 else '>u2')
+        available = (len(data) - body) // dtype.itemsize
+        values = np.frombuffer(data, dtype, min(count, available), body)
+    if len(values) < count:
+        raise ValueError(f'truncated: {len(values)} of {width} x {height} cells')
+    if values.size and (values.min() < 0 or values.max() > largest):
+        raise ValueError(f'PGM holds shades outside 0..{largest}')
+    scaled = values if largest == 255 else np.rint(values * (255.0 / largest))
+    return scaled.astype(np.uint8).reshape(height, width)
+
+
+def _header(data: bytes) -> tuple[list[int], int]:
+    """Width, height and largest shade of a PGM file, and where its body starts."""
+    numbers, at = [], 2
+    while len(numbers) < 3:
+        while at < len(data) and (data[at:at + 1].isspace() or data[at:at + 1] == b'#'):
+            if data[at:at + 1] == b'#':
+                end = data.find(b'\n', at)
+                at = len(data) if end < 0 else end
+            at += 1
+        start = at
+        while at < len(data) and data[at:at + 1].isdigit():
+            at += 1
+        if at == start or at - start > 9:
+            raise ValueError('PGM header is cut off or malformed')
+        numbers.append(int(data[start:at]))
+    return numbers, at + 1

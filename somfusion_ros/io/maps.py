@@ -1,0 +1,119 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Saved maps as Nav2's map_server reads and writes them: a YAML file beside a PGM image."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
+from somfusion_ros.io.images import read_image, write_pgm
+import yaml
+
+WALL_SHADE, FREE_SHADE, UNKNOWN_SHADE = 0, 254, 205
+OCCUPIED_THRESHOLD = 0.65
+FREE_THRESHOLD = 0.196   # just below the darkness of 205; at 0.25 unknown would be read as free
+MODES = ('trinary', 'scale', 'raw')
+
+
+class MapError(ValueError):
+    """A saved map cannot be used; one line that names the file and what is wrong."""
+
+
+def read_map(path: str | Path) -> Grid:
+    """
+    Read a map_server map.
+
+    Parameters
+    ----------
+    path : the YAML file; the image is looked for relative to it
+
+    Raises
+    ------
+    MapError : one line that names the file and what is wrong with it
+
+    """
+    path = Path(path)
+    try:
+        fields = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise MapError(f'{path}: not readable ({_one_line(error)})') from error
+    if not isinstance(fields, dict):
+        raise MapError(f'{path}: not a map_server YAML file (no key: value lines)')
+    image_path = path.parent / str(_field(path, fields, 'image'))
+    try:
+        image = read_image(image_path)
+    except (OSError, ValueError) as error:
+        raise MapError(f'{image_path}: {_one_line(error)}') from error
+    try:
+        return Grid.from_occupancy(
+            _cells(image, fields)[::-1],   # the first row of an image is its highest y
+            float(_field(path, fields, 'resolution')),
+            tuple(float(v) for v in _field(path, fields, 'origin')))
+    except MapError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise MapError(f'{path}: {_one_line(error)}') from error
+
+
+def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
+    """
+    Write `<name>.pgm` and `<name>.yaml` (trinary) into a folder, made where missing.
+
+    Returns the path of the YAML file. Cells that are neither clearly wall nor clearly free
+    become unknown.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    shades = np.full(grid.shape, UNKNOWN_SHADE, np.uint8)
+    shades[grid.free] = FREE_SHADE
+    shades[grid.occupied] = WALL_SHADE
+    write_pgm(folder / f'{name}.pgm', shades[::-1])
+    x, y, theta = (float(v) for v in grid.T_frame_grid)
+    text = (f'image: {name}.pgm\nmode: trinary\nresolution: {grid.resolution!r}\n'
+            f'origin: [{x!r}, {y!r}, {theta!r}]\nnegate: 0\n'
+            f'occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n')
+    path = folder / f'{name}.yaml'
+    path.write_text(text)
+    return path
+
+
+def _cells(image: NDArray[np.uint8], fields: Mapping[str, Any]) -> NDArray[np.int8]:
+    """Occupancy cells (H, W), -1 or 0..100, of an image (H, W) by the rules of map_server."""
+    mode = str(fields.get('mode', 'trinary')).lower()
+    if mode not in MODES:
+        raise ValueError(f'mode {mode!r} is none of {", ".join(MODES)}')
+    if mode == 'raw':
+        return np.where(image <= OCCUPIED, image.astype(np.int16), UNKNOWN).astype(np.int8)
+    wall_above = float(fields.get('occupied_thresh', OCCUPIED_THRESHOLD))
+    free_below = float(fields.get('free_thresh', FREE_THRESHOLD))
+    if not 0.0 <= free_below < wall_above <= 1.0:
+        raise ValueError(f'thresholds must rise within 0..1: free_thresh {free_below}, '
+                         f'occupied_thresh {wall_above}')
+    negate = bool(int(fields.get('negate', 0)))
+    shades = np.arange(256) / 255.0
+    p = shades if negate else 1.0 - shades
+    percent = np.full(256, UNKNOWN, np.int8)
+    if mode == 'scale':
+        percent[:] = np.rint(100.0 * np.clip((p - free_below) / (wall_above - free_below), 0, 1))
+    percent[p > wall_above] = OCCUPIED
+    percent[p < free_below] = FREE
+    if mode == 'trinary' and not negate:
+        # Nav2's map_saver writes 205 for unknown beside free_thresh 0.25, which calls it free.
+        percent[UNKNOWN_SHADE] = UNKNOWN
+    return percent[image]
+
+
+def _field(path: Path, fields: Mapping[str, Any], key: str) -> Any:
+    """Return a field that must be there."""
+    if fields.get(key) is None:
+        raise MapError(f'{path}: no {key!r} in the map_server YAML file')
+    return fields[key]
+
+
+def _one_line(error: Exception) -> str:
+    """Give the reason of an error as one short line."""
+    text = getattr(error, 'strerror', None) or ' '.join(str(error).split())
+    return text or type(error).__name__

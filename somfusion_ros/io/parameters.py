@@ -1,0 +1,61 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes' parameter files for the commands: the same numbers offline as live."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.io.maps import MapError
+from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.team.config import TeamConfig
+import yaml
+
+KNOWN = {item.name for config in (
+    SlamConfig, SlamNodeConfig, TeamConfig, FusionConfig, FusionNodeConfig)
+         for item in fields(config)}
+Config = TypeVar('Config')
+
+
+def read_parameters(paths: Iterable[str | Path]) -> dict[str, Any]:
+    """
+    Read ROS 2 parameter files (`config/slam.yaml`, `config/fusion.yaml`); later ones win.
+
+    MapError, with one line, where a file is none or names a parameter that does not exist.
+    """
+    values: dict[str, Any] = {}
+    for path in paths:
+        for name, value in _parameters(Path(path)).items():
+            if name not in KNOWN and name != 'use_sim_time':
+                raise MapError(f'{path}: there is no parameter {name!r}')
+            values[name] = value
+    return values
+
+
+def make(config: type[Config], values: Mapping[str, Any], **more: Any) -> Config:
+    """Make a configuration of those values that are its own; ValueError on a bad value."""
+    own = {item.name: item.default for item in fields(config)}
+    chosen = {name: value for name, value in {**values, **more}.items() if name in own}
+    for name, value in chosen.items():
+        number = isinstance(own[name], float) and isinstance(value, int)
+        if not number and not isinstance(value, type(own[name])):
+            raise MapError(f'parameter {name} = {value!r} must be of type '
+                           f'{type(own[name]).__name__}')
+    return config(**chosen)
+
+
+def _parameters(path: Path) -> dict[str, Any]:
+    """Collect what stands under `ros__parameters` of any node in a file."""
+    try:
+        content = yaml.safe_load(path.read_text())
+        found: dict[str, Any] = {}
+        for node in content.values():
+            found |= node['ros__parameters'] or {}
+        return found
+    except OSError as error:
+        raise MapError(f'{path}: {error.strerror}') from error
+    except (AttributeError, KeyError, TypeError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise MapError(f'{path}: not a ROS 2 parameter file') from error

@@ -1,0 +1,122 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a command leaves in its output folder: result.json, and every map with its evidence."""
+
+from collections.abc import Mapping
+import json
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+from somfusion_ros.geometry import Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.io.maps import MapError, write_map
+
+if TYPE_CHECKING:
+    from somfusion_ros.team.offline import Fusion, Pair
+
+RESULT, EVIDENCE = 'result.json', 'evidence.npz'
+
+
+def fusion_record(fusion: 'Fusion') -> dict[str, Any]:
+    """Describe a fusion for result.json: pairs, transforms, unconnected, verification_index."""
+    return {
+        'pairs': [pair_record(pair) for pair in fusion.pairs],
+        'transforms': {robot: pose_record(fusion.world[robot]) for robot in fusion.world},
+        'unconnected': list(fusion.unconnected),
+        'verification_index': fusion.verification_index,
+        'dropped': [item.reason for item in fusion.solution.dropped],
+    }
+
+
+def pair_record(pair: 'Pair') -> dict[str, Any]:
+    """Describe one pair for result.json."""
+    found = pair.alignment
+    rival = found.runner_up
+    return {
+        'target': pair.target,
+        'source': pair.source,
+        'accepted': bool(found.accepted),
+        'probability': float(found.probability),
+        'reason': found.reason,
+        'transform': pose_record(found.T_target_source),
+        'covariance': np.asarray(found.covariance).tolist(),
+        'verification_index': float(found.verification_index),
+        'performance_index': [float(j) for j in found.performance_index],
+        'overlap': float(found.overlap),
+        'runner_up': None if rival is None else {
+            'transform': pose_record(rival.T_target_source),
+            'probability': float(rival.probability)},
+        'seconds': {stage: float(s) for stage, s in found.seconds.items()},
+    }
+
+
+def pose_record(pose: Pose | None) -> dict[str, float] | None:
+    """Describe a transform [m, rad]."""
+    return None if pose is None else dict(zip(('x', 'y', 'theta'), (float(v) for v in pose)))
+
+
+def pose_of(record: Mapping[str, float] | None) -> Pose | None:
+    """Make a transform of its description."""
+    return None if record is None else Pose(record['x'], record['y'], record['theta'])
+
+
+def write_result(folder: Path, record: Mapping[str, Any]) -> None:
+    """Write result.json; what is not finite becomes null, as JSON has no word for it."""
+    text = json.dumps(_finite(record), indent=2, allow_nan=False)
+    (folder / RESULT).write_text(text + '\n')
+
+
+def read_result(folder: Path) -> dict[str, Any]:
+    """Read result.json; MapError where the folder holds no result."""
+    path = folder / RESULT
+    try:
+        record = json.loads(path.read_text())
+        if not isinstance(record['robots'], dict) or not isinstance(record['pairs'], list):
+            raise KeyError('robots')
+    except OSError as error:
+        raise MapError(f'{path}: {error.strerror}') from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise MapError(f'{path}: not a result of replay or merge') from error
+    return record
+
+
+def write_robot_map(folder: Path, grid: Grid) -> None:
+    """Write a map as map.yaml and map.pgm, and its evidence unrounded for the report."""
+    write_map(folder, grid)
+    np.savez_compressed(folder / EVIDENCE, evidence=grid.evidence, resolution=grid.resolution,
+                        origin=np.array(grid.T_frame_grid))
+
+
+def read_evidence(folder: Path) -> Grid:
+    """Read a map written by `write_robot_map`."""
+    path = folder / EVIDENCE
+    try:
+        with np.load(path) as data:
+            return Grid(data['evidence'], float(data['resolution']),
+                        Pose.from_array(data['origin']))
+    except OSError as error:
+        raise MapError(f'{path}: {error.strerror or "not readable"}') from error
+    except Exception as error:   # numpy and zipfile raise many kinds on a damaged file
+        raise MapError(f'{path}: damaged ({" ".join(str(error).split())})') from error
+
+
+def make_folder(path: str | Path) -> Path:
+    """Make an output folder; MapError where that is not possible."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MapError(f'{folder}: cannot be the output folder ({error.strerror})') from error
+    return folder
+
+
+def _finite(value: Any) -> Any:
+    """Replace numbers that are not finite by None, all through a record."""
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value

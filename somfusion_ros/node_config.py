@@ -1,0 +1,122 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Parameters of the nodes beside those of the core.
+
+No ROS is needed here: the commands read the same parameter files as the nodes.
+"""
+
+from dataclasses import dataclass
+
+from somfusion_ros.settings import parameter, validate
+
+
+@dataclass(frozen=True)
+class SlamNodeConfig:
+    """Parameters of slam_node beside those of SLAM itself."""
+
+    odom_frame: str = parameter(
+        'odom', '', None, None,
+        'Frame in which the odometry places the robot; prefix it where all robots share one /tf.')
+    map_frame: str = parameter(
+        'map', '', None, None,
+        'Frame of the map; prefix it where all robots share one /tf.')
+    base_frame: str = parameter(
+        'base_link', '', None, None,
+        'Frame of the robot, from which the mount of the laser is looked up.')
+    map_update_interval: float = parameter(
+        5.0, 's', 0.1, 3600.0,
+        'Time between two published maps; shorter shows more, longer saves CPU and network.',
+        live=True)
+    transform_publish_period: float = parameter(
+        0.05, 's', 0.0, 60.0,
+        'Time between two map -> odom transforms; 0 publishes none.')
+    transform_timeout: float = parameter(
+        0.5, 's', 0.0, 60.0,
+        'A scan waits this long for odometry that covers it, then it is dropped and counted; '
+        'longer where odometry arrives late.')
+    odometry_source: str = parameter(
+        'odom', '', None, None,
+        'odom: nav_msgs/Odometry on odom; encoders: two wheels in joint_states.')
+    wheel_radius: float = parameter(
+        0.077, 'm', 0.001, 10.0,
+        'Radius of the two driven wheels; used only with odometry_source encoders.')
+    wheel_separation: float = parameter(
+        0.33, 'm', 0.001, 10.0,
+        'Distance of the two driven wheels; used only with odometry_source encoders.')
+    left_wheel_joint: str = parameter(
+        'left_wheel_joint', '', None, None,
+        'Name of the left wheel in joint_states; used only with odometry_source encoders.')
+    right_wheel_joint: str = parameter(
+        'right_wheel_joint', '', None, None,
+        'Name of the right wheel in joint_states; used only with odometry_source encoders.')
+    peer_radius: float = parameter(
+        0.5, 'm', 0.0, 10.0,
+        "Returns within this distance of another robot's centre are not used, where fusion_node "
+        'tells its place; its radius and how far it moves in a moment. 0 uses all returns.')
+    laser_pose: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'm, m, rad', None, None,
+        'Mount of the laser on the robot (x, y, yaw); all zero: taken from /tf_static.')
+    map_directory: str = parameter(
+        '.', '', None, None,
+        'Folder into which save_map writes map.yaml and map.pgm.', live=True)
+    state_file: str = parameter(
+        '', '', None, None,
+        'File from which a restarted node goes on with its map; empty begins a new map always.')
+    state_interval: float = parameter(
+        10.0, 's', 0.1, 3600.0,
+        'Time between two writes of state_file; longer spares the disk, shorter loses less.')
+
+    def __post_init__(self) -> None:
+        validate(self)
+        if self.odometry_source not in ('odom', 'encoders'):
+            raise ValueError(
+                f'odometry_source = {self.odometry_source!r} is neither odom nor encoders')
+        if len(self.laser_pose) != 3:
+            raise ValueError(f'laser_pose = {list(self.laser_pose)} must be x, y and yaw')
+
+
+@dataclass(frozen=True)
+class FusionNodeConfig:
+    """Parameters of fusion_node beside those of the merge of two maps."""
+
+    robot_name: str = parameter(
+        '', '', None, None,
+        'Name under which the other robots know this one; empty takes the namespace.')
+    peers: tuple[str, ...] = parameter(
+        ('',), '', None, None,
+        'Names of the robots to merge with; empty merges with every robot that shows up.')
+    robot_map_topic: str = parameter(
+        'map', '', None, None,
+        'Last name of the topic on which every robot publishes its own map.')
+    merged_map_topic: str = parameter(
+        'global_map', '', None, None,
+        'Topic of the merged map.')
+    world_frame: str = parameter(
+        'world', '', None, None,
+        'Frame that all robots of a connected team share; prefix it where they share one /tf.')
+    map_frame: str = parameter(
+        'map', '', None, None,
+        "Frame of the robot's own map; prefix it where all robots share one /tf.")
+    merging_rate: float = parameter(
+        1.0, 'Hz', 0.01, 100.0,
+        'The merged map, transforms and poses are published at most this often.')
+    discovery_rate: float = parameter(
+        0.5, 'Hz', 0.01, 100.0,
+        'How often new robots are looked for.')
+    plain_map_delay: float = parameter(
+        10.0, 's', 0.0, 3600.0,
+        'A robot with a map is given this time to show a fusion node, which tells little, before '
+        'its whole maps are listened to.')
+    peer_timeout: float = parameter(
+        30.0, 's', 1.0, 3600.0,
+        'A peer whose map was not heard for this time is reported as silent.')
+    max_map_cells: int = parameter(
+        67108864, 'cells', 1, 268435456,
+        'Larger maps are refused and counted; raise it for very large or very fine maps.')
+    map_directory: str = parameter(
+        '.', '', None, None,
+        'Folder into which save_map writes global_map.yaml and global_map.pgm.')
+
+    def __post_init__(self) -> None:
+        validate(self)

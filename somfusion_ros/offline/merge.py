@@ -1,0 +1,65 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`somfusion merge`: saved maps in, one stitched map out."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+import time
+from typing import Any
+
+from somfusion_ros import __version__
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.io.maps import MapError, read_map, write_map
+from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
+from somfusion_ros.offline.fusing import draw, fuse_with_progress
+from somfusion_ros.offline.summary import tell_fusion
+
+
+def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig | None = None,
+          pictures: bool = True) -> dict[str, Any]:
+    """
+    Stitch saved maps; write everything into a folder; return what is in result.json.
+
+    Raises MapError, with one line, where a map or the folder cannot be used.
+    """
+    started, config = time.perf_counter(), config or FusionConfig()
+    if len(paths) < 2:
+        raise MapError('merge needs at least two maps')
+    names = map_names([Path(path) for path in paths])
+    grids = {name: read_map(path) for name, path in zip(names, paths)}
+    folder = make_folder(output)
+    for name, grid in grids.items():
+        write_robot_map(folder / name, grid)
+    fusion = fuse_with_progress(grids, config, pictures)
+    write_map(folder, fusion.global_map)
+    robots = {name: {'map': str(path)} for name, path in zip(names, paths)}
+    record = {'command': 'merge', 'version': __version__,
+              'fusion_config': asdict(config), 'robots': robots, **fusion_record(fusion),
+              'map': 'map.yaml', 'seconds': time.perf_counter() - started}
+    write_result(folder, record)
+    tell_fusion(record, str(folder / 'map.yaml'))
+    if pictures:
+        draw(folder, fusion)
+    return record
+
+
+def map_names(paths: Sequence[Path]) -> list[str]:
+    """
+    Name maps by file stem.
+
+    Where stems repeat (robot1/map.yaml, robot2/map.yaml) the folder's name stands for the stem,
+    and where that repeats too, a number is added.
+    """
+    stems = [path.stem for path in paths]
+    repeated = {stem for stem, count in Counter(stems).items() if count > 1}
+    names = []
+    for path, stem in zip(paths, stems):
+        name = path.resolve().parent.name or stem if stem in repeated else stem
+        wanted, number = name, 1
+        while name in names:
+            number += 1
+            name = f'{wanted}_{number}'
+        names.append(name)
+    return names

@@ -1,0 +1,97 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`somfusion replay`: bags in; per robot a map and a trajectory, for a team the global map."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from somfusion_ros import __version__
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.io.bags.log import BagOptions, open_log
+from somfusion_ros.io.console import complain, say
+from somfusion_ros.io.maps import write_map
+from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
+from somfusion_ros.io.trajectories import write_tum
+from somfusion_ros.offline.fusing import draw, fuse_with_progress
+from somfusion_ros.offline.result_bag import period_of, write_replay_bag
+from somfusion_ros.offline.robot_run import RobotRun
+from somfusion_ros.offline.robot_runs import run_robots
+from somfusion_ros.offline.summary import tell_fusion, tell_robot
+from somfusion_ros.slam.config import SlamConfig
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How to replay: what to use of the bags, parameters, processes, pictures, a bag."""
+
+    bags: BagOptions = field(default_factory=BagOptions)
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    fusion: FusionConfig = field(default_factory=FusionConfig)
+    jobs: int | None = None
+    pictures: bool = True
+    bag: bool = False
+
+
+def replay(bags: Sequence[str | Path], output: str | Path,
+           options: ReplayOptions | None = None) -> dict[str, Any]:
+    """
+    Replay one bag per robot; write everything into a folder; return what is in result.json.
+
+    Raises BagError or MapError, with one line, where a bag or the folder cannot be used.
+    """
+    options = options or ReplayOptions()
+    started = time.perf_counter()
+    logs = {f'robot{number}': open_log(bag, options.bags)
+            for number, bag in enumerate(bags, start=1)}
+    folder = make_folder(output)
+    for log in logs.values():
+        for note in log.notes:
+            complain(note)
+    period = period_of([log.duration for log in logs.values()]) if options.bag else None
+    runs = run_robots(logs, options.slam, options.jobs, period)
+    robots = {name: save_robot(folder / name, run) for name, run in runs.items()}
+    for name, record in robots.items():
+        tell_robot(name, record)
+    fusion = fuse_with_progress({name: run.grid for name, run in runs.items()}, options.fusion,
+                                options.pictures)
+    write_map(folder, fusion.global_map)
+    record = {'command': 'replay', 'version': __version__, 'fusion_config': asdict(options.fusion),
+              'robots': robots, **fusion_record(fusion), 'map': 'map.yaml',
+              'seconds': time.perf_counter() - started}
+    write_result(folder, record)
+    tell_fusion(record, str(folder / 'map.yaml'))
+    if options.pictures and len(runs) > 1:
+        draw(folder, fusion)
+    if options.bag:
+        say(f'bag: {write_replay_bag(folder / "bag", runs, options.fusion)}')
+    return record
+
+
+def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
+    """Write one robot's map and trajectories; return its part of result.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_robot_map(folder, run.grid)
+    write_tum(folder / 'trajectory.tum', run.stamps, run.poses)
+    write_tum(folder / 'views.tum', run.view_stamps, run.views)
+    ms = run.milliseconds
+    return {
+        'bag': str(run.log.path),
+        'scan_topic': run.log.scan_topic,
+        'odometry_topic': run.log.odometry_topic,
+        'odometry_source': run.log.odometry_source,
+        'laser_pose': list(run.log.T_base_laser),
+        'scans': len(ms),
+        'views': len(run.views),
+        'distance': float(np.hypot(*np.diff(run.views[:, :2], axis=0).T).sum()),
+        'recorded_seconds': run.recorded,
+        'seconds': run.seconds,
+        'real_time_factor': run.recorded / max(run.seconds, 1e-9),
+        'milliseconds_per_scan': {
+            'median': float(np.median(ms)) if len(ms) else 0.0,
+            'p99': float(np.percentile(ms, 99)) if len(ms) else 0.0},
+        'counters': {name: int(count) for name, count in run.counters.items()},
+    }

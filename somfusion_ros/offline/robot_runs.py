@@ -1,0 +1,114 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The SLAM of several robots, one process each, at most as many at once as there are cores."""
+
+from collections.abc import Mapping
+import multiprocessing
+from multiprocessing.connection import Connection, wait
+import os
+import time
+import traceback
+from typing import Any
+
+from somfusion_ros.io.bags.log import BagError, Log
+from somfusion_ros.io.console import progress_bar
+from somfusion_ros.offline.history import History
+from somfusion_ros.offline.robot_run import RobotRun, run_robot
+from somfusion_ros.slam.config import SlamConfig
+
+TELL_EVERY = 0.2   # [s] between two words of progress from a process
+
+
+def run_robots(logs: Mapping[str, Log], config: SlamConfig | None = None,
+               jobs: int | None = None, period: float | None = None) -> dict[str, RobotRun]:
+    """
+    Run the SLAM of every robot; the results do not depend on the number of jobs.
+
+    jobs: processes at once, default one per core; with one job all runs in this process.
+    period: time [s] between two maps of the history, None keeps no history.
+    """
+    jobs = min(len(logs), jobs or os.cpu_count() or 1)
+    bars = {name: progress_bar(name, log.scan_count, 'scan', position)
+            for position, (name, log) in enumerate(logs.items())}
+    try:
+        if jobs == 1:
+            return {name: run_robot(log, config, bars[name].update, _history(period))
+                    for name, log in logs.items()}
+        return _run_parallel(logs, config, jobs, period, bars)
+    finally:
+        for bar in bars.values():
+            bar.close()
+
+
+def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
+                  period: float | None, bars: Mapping[str, Any]) -> dict[str, RobotRun]:
+    """Keep `jobs` processes at work until every log is done; stop all when one fails."""
+    context = multiprocessing.get_context('spawn')
+    left, running, results = list(logs), {}, {}
+    try:
+        while left or running:
+            while left and len(running) < jobs:
+                name = left.pop(0)
+                here, there = context.Pipe(duplex=False)
+                process = context.Process(target=_work, daemon=True,
+                                          args=(there, logs[name], config, period))
+                process.start()
+                there.close()
+                running[here] = (name, process)
+            for connection in wait(list(running)):
+                name, process = running[connection]
+                kind, value = _receive(connection, logs[name])
+                if kind == 'progress':
+                    bars[name].update(value)
+                else:
+                    results[name] = value
+                    del running[connection]
+                    process.join()
+    finally:
+        for _, process in running.values():
+            process.terminate()
+            process.join()
+    return {name: results[name] for name in logs}
+
+
+def _receive(connection: Connection, log: Log) -> tuple[str, Any]:
+    """Take a word from a process; BagError where its log is damaged or the process died."""
+    try:
+        kind, value = connection.recv()
+    except EOFError:
+        raise BagError(f'{log.path}: the process at work on it ended early '
+                       '(out of memory?)') from None
+    if kind == 'error':
+        raise BagError(value)
+    if kind == 'crash':
+        raise RuntimeError(f'{log.path}: the SLAM failed\n{value}')
+    return kind, value
+
+
+def _history(period: float | None) -> History | None:
+    """Make a history to be filled, if one is asked for."""
+    return None if period is None else History(period)
+
+
+def _work(connection: Connection, log: Log, config: SlamConfig | None,
+          period: float | None) -> None:
+    """Run one log in a process of its own."""
+    done, last = 0, time.monotonic()
+
+    def progress(count: int) -> None:
+        nonlocal done, last
+        done += count
+        if time.monotonic() - last > TELL_EVERY:
+            connection.send(('progress', done))
+            done, last = 0, time.monotonic()
+
+    try:
+        run = run_robot(log, config, progress, _history(period))
+        connection.send(('progress', done))
+        connection.send(('done', run))
+    except BagError as error:
+        connection.send(('error', str(error)))
+    except KeyboardInterrupt:
+        pass   # the parent got it, too, and speaks for all
+    except Exception:
+        connection.send(('crash', traceback.format_exc()))

@@ -1,0 +1,100 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What `somfusion watch` shows of a team: its maps as they merge, and how each robot is doing."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rich.console import Group
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+from somfusion_ros.geometry import apply, compose, Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.report.figure_data import overlay_picture, team_colours
+from somfusion_ros.report.map_text import map_text, Mark
+
+LEVELS = {0: 'green', 1: 'yellow', 2: 'red', 3: 'red'}   # of diagnostic_msgs/DiagnosticStatus
+FRAME = 4      # columns and lines that a panel's frame and title take
+FEWEST = 8     # lines of a map, however small the terminal is
+
+
+@dataclass(frozen=True)
+class Health:
+    """One status of /diagnostics: its level, its message, its values."""
+
+    level: int
+    message: str
+    values: Mapping[str, str]
+
+
+@dataclass
+class Team:
+    """
+    What was heard of a team.
+
+    By robot: its map, its pose T_map_base, and T_map_peer of the peers' maps that it accepted;
+    and the health of every node and pair, by the name of the status.
+    """
+
+    grids: dict[str, Grid] = field(default_factory=dict)
+    poses: dict[str, Pose] = field(default_factory=dict)
+    transforms: dict[str, dict[str, Pose]] = field(default_factory=dict)
+    health: dict[str, Health] = field(default_factory=dict)
+
+    def groups(self) -> list[dict[str, Pose]]:
+        """Find connected robots with T_world_map; the world is the map of the first by name."""
+        left, groups = sorted(self.grids), []
+        while left:
+            group, queue = {left[0]: Pose()}, deque([left[0]])
+            while queue:
+                owner = queue.popleft()
+                for peer, T_owner_peer in self.transforms.get(owner, {}).items():
+                    if peer in self.grids and peer not in group:
+                        group[peer] = Pose.from_array(compose(group[owner], T_owner_peer))
+                        queue.append(peer)
+            groups.append(group)
+            left = [robot for robot in left if robot not in group]
+        return groups
+
+
+def view(team: Team, width: int, height: int) -> Group:
+    """Put together the picture of a team for a terminal of `width` x `height` characters."""
+    table, groups = health_table(team), team.groups()
+    if not groups:
+        return Group(Text('no robot has published a map yet'), table)
+    lines = max(height - table.row_count - 2 * FRAME, FEWEST)
+    columns = max(width // len(groups) - FRAME, 2 * FEWEST)
+    maps = Table.grid(padding=(0, 1))
+    maps.add_row(*(map_panel(team, group, columns, lines) for group in groups))
+    return Group(maps, table)
+
+
+def map_panel(team: Team, group: Mapping[str, Pose], width: int, height: int) -> Panel:
+    """Draw the maps of connected robots into one, each one's walls in its colour."""
+    colours = team_colours(sorted(team.grids))
+    picture = overlay_picture([(team.grids[r], pose, colours[r]) for r, pose in group.items()])
+    marks = [Mark(*apply(pose, [team.poses[robot][:2]])[0], colours[robot])
+             for robot, pose in group.items() if robot in team.poses]
+    title = Text(' + ').join(Text(robot, f'bold {colours[robot]}') for robot in group)
+    title.append(': one map' if len(group) > 1 else ': not merged', 'default')
+    return Panel.fit(map_text(picture, width, height, marks), title=title)
+
+
+def health_table(team: Team) -> Table:
+    """List every node and pair with its state and the reason for it."""
+    table = Table(box=None, padding=(0, 2, 0, 0), expand=True)
+    table.add_column('who', no_wrap=True, min_width=max(map(len, team.health), default=3))
+    for column, ratio in (('state', 1), ('figures', 1)):
+        table.add_column(column, overflow='ellipsis', no_wrap=True, ratio=ratio)
+    for name, health in sorted(team.health.items()):
+        table.add_row(name, Text(health.message, LEVELS.get(health.level, 'red')),
+                      figures(health.values))
+    return table
+
+
+def figures(values: Mapping[str, str]) -> str:
+    """Choose the few numbers that tell most."""
+    chosen = ('scans_per_s', 'views', 'loops_accepted', 'probability', 'overlap', 'V', 'map_age_s')
+    return ', '.join(f'{name} {values[name]}' for name in chosen if name in values)

@@ -1,0 +1,124 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Shows a team's maps in the terminal as they merge, for who comes to a robot by ssh.
+
+It only listens, to what every other program can hear. Where its output is no terminal it shows
+the team once.
+"""
+
+import argparse
+from functools import partial
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from nav_msgs.msg import OccupancyGrid
+from rclpy.node import Node
+from rich.console import Console
+from rich.live import Live
+from somfusion_ros.grid import MAX_CELLS
+from somfusion_ros.report.watch_view import Health, Team, view
+from somfusion_ros.ros.common import conversions as convert
+from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common.peers import find_peers, MAP_TYPE, robot_of
+from somfusion_ros.ros.common.runtime import plain_args, run
+
+PERIOD = 0.5   # [s] between two pictures
+WIDTH, HEIGHT = 110, 40   # of a picture where there is no terminal
+
+
+class WatchNode(Node):
+    """Hears every robot that shows up, and draws from a timer."""
+
+    def __init__(self, options: argparse.Namespace, stop: threading.Event) -> None:
+        super().__init__('watch')
+        self._options, self._stop = options, stop
+        self._team, self._heard = Team(), set()
+        self._until = time.monotonic() + options.wait
+        terminal = sys.stdout.isatty()
+        self._console = Console(record=bool(options.svg), force_terminal=terminal or None,
+                                **({} if terminal else {'width': WIDTH, 'height': HEIGHT}))
+        self._once = options.once or not terminal
+        self._live = None if self._once else Live(console=self._console, screen=True,
+                                                  auto_refresh=False)
+        if self._live:
+            self._live.start()
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.STREAM)
+        self.create_timer(PERIOD, self._draw)
+
+    def close(self, timeout: float) -> bool:
+        """Give the terminal back, and write the picture if one was asked for."""
+        if self._live:
+            self._live.stop()
+            self._console.print(self._view())
+        if self._options.svg:
+            self._console.save_svg(self._options.svg, title='somfusion watch')
+        return True
+
+    def _draw(self) -> None:
+        """Listen to new robots and show what is known."""
+        for robot in find_peers(self.get_topic_names_and_types(), self._options.map_topic,
+                                MAP_TYPE, '', ()):
+            if robot not in self._heard:
+                self._heard.add(robot)
+                self._listen(robot)
+        if self._live:
+            self._live.update(self._view(), refresh=True)
+        elif time.monotonic() > self._until and not self._stop.is_set():
+            self._console.print(self._view())
+            self._stop.set()
+
+    def _view(self) -> Any:
+        """Draw the team for the terminal as it is now."""
+        return view(self._team, self._console.width, self._console.height)
+
+    def _listen(self, robot: str) -> None:
+        """Subscribe to one robot."""
+        self.create_subscription(OccupancyGrid, f'/{robot}/{self._options.map_topic}',
+                                 partial(self._on_map, robot), qos.LATCHED)
+        self.create_subscription(TransformStamped, f'/{robot}/relative_transforms',
+                                 partial(self._on_transform, robot), qos.LATCHED_PER_PAIR)
+        self.create_subscription(PoseWithCovarianceStamped, f'/{robot}/pose',
+                                 partial(self._on_pose, robot), qos.STREAM)
+
+    def _on_map(self, robot: str, message: OccupancyGrid) -> None:
+        try:
+            grid = convert.grid_from_message(message, MAX_CELLS)
+        except ValueError as error:
+            self._team.health[f'{robot}/map'] = Health(2, str(error), {})
+            return
+        if grid.occupied.any():
+            self._team.grids[robot] = grid
+
+    def _on_transform(self, robot: str, message: TransformStamped) -> None:
+        peer = robot_of(message.child_frame_id)
+        self._team.transforms.setdefault(robot, {})[peer] = convert.transform_from_message(message)
+
+    def _on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
+        self._team.poses[robot] = convert.pose_from_message(message.pose.pose)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._team.health[status.name] = Health(
+                status.level[0], status.message, {v.key: v.value for v in status.values})
+
+
+def main(args: list[str] | None = None) -> int:
+    """Show a team's maps in the terminal as they merge."""
+    parser = argparse.ArgumentParser(prog='somfusion watch', description=main.__doc__)
+    parser.add_argument('--once', action='store_true', help='show the team once and end')
+    parser.add_argument('--wait', type=float, default=5.0, metavar='S',
+                        help='with --once: how long to listen [s] (default 5)')
+    parser.add_argument('--map-topic', default='map', metavar='NAME',
+                        help="last name of the robots' map topics (default map)")
+    parser.add_argument('--svg', metavar='FILE', help='also keep the last picture as SVG')
+    options = parser.parse_args(plain_args(args))
+    return run(lambda stop: WatchNode(options, stop), args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

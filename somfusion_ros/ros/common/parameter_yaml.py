@@ -1,0 +1,88 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Writes config/*.yaml out of the config dataclasses, so that words and defaults stand only there.
+
+`python -m somfusion_ros.ros.common.parameter_yaml config` renews both files after a change.
+"""
+
+from dataclasses import Field, fields
+from pathlib import Path
+import sys
+from textwrap import wrap
+from typing import Any
+
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.team.config import TeamConfig
+
+WIDTH = 95
+INDENT = ' ' * 4
+FILES = {
+    'slam.yaml': (
+        'Parameters of slam_node. You do not need this file: these are the defaults. Copy the '
+        'lines that you change. The wildcard takes the node in any namespace, so one file serves '
+        'every robot. Those of the SLAM, and those marked live, can be changed while the node '
+        'runs (ros2 param set); the others are read at the start.',
+        {'The node: frames, times, odometry, files': SlamNodeConfig,
+         'SLAM: scans, views, loops, map': SlamConfig}),
+    'fusion.yaml': (
+        'Parameters of fusion_node. You do not need this file: these are the defaults. Copy the '
+        'lines that you change. Those of the merge of two maps can be changed while the node '
+        'runs (ros2 param set); the others are read at the start.',
+        {'The node: names, topics, rates, files': FusionNodeConfig,
+         'The team: when pairs are matched, start poses, bodies': TeamConfig,
+         'The merge of two maps: method, confidence, detail': FusionConfig}),
+}
+
+
+def parameter_file(name: str) -> str:
+    """Text of one YAML file."""
+    introduction, sections = FILES[name]
+    lines = [*comment(introduction, ''), '/**:', '  ros__parameters:']
+    for title, config in sections.items():
+        lines += ['', f'{INDENT}# ---- {title} ----']
+        for item in fields(config):
+            lines += ['', *comment(sentence(item), INDENT),
+                      f'{INDENT}{item.name}: {scalar(item.default)}']
+    return '\n'.join(lines) + '\n'
+
+
+def sentence(item: Field) -> str:
+    """Say what a parameter does, in which unit, and between which numbers."""
+    meta = item.metadata
+    low, high = meta['low'], meta['high']
+    span = f'{"" if low is None else f"{low:g}"}..{"" if high is None else f"{high:g}"}'
+    notes = [note for note in (meta['unit'], span.strip('.') and span,
+                               'live' if meta['live'] else '') if note]
+    return meta['description'] + (f' [{"; ".join(notes)}]' if notes else '')
+
+
+def comment(text: str, indent: str) -> list[str]:
+    """Break a text into comment lines."""
+    return [f'{indent}# {line}' for line in wrap(text, WIDTH - len(indent))]
+
+
+def scalar(value: Any) -> str:
+    """Write a value so that ROS reads the same type again."""
+    if isinstance(value, tuple):
+        return f'[{", ".join(scalar(item) for item in value)}]'
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f"'{value}'"
+    text = repr(value)
+    return text.replace('e', '.0e') if 'e' in text and '.' not in text else text
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the files into a folder."""
+    folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
+    for name in FILES:
+        (folder / name).write_text(parameter_file(name), encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

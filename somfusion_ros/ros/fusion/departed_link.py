@@ -1,0 +1,53 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The maps of robots that are gone, handed on between those who are left: `team/kept/<robot>`."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common.peers import Heard, KEPT, MAP
+from somfusion_ros.ros.fusion.inbox import Intake
+from somfusion_ros.ros.fusion.team_messages import bytes_message
+from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.shared_map import SharedMap
+from std_msgs.msg import UInt8MultiArray
+
+
+class MemoryLink:
+    """One robot's end of the links on which maps of absent robots go."""
+
+    def __init__(self, node: Any, intake: Intake) -> None:
+        self._node, self._intake = node, intake
+        self._offered: dict[str, Any] = {}
+        self._sent: dict[str, SharedMap] = {}
+        self._fetched: dict[str, tuple[str, Any]] = {}
+
+    def offer(self, maps: Mapping[str, SharedMap]) -> None:
+        """Hand maps of absent robots to those who ask; what is back speaks for itself again."""
+        for robot in self._offered.keys() - maps.keys():
+            self._node.destroy_publisher(self._offered.pop(robot))
+            self._sent.pop(robot, None)
+        for robot, shared in maps.items():
+            if robot not in self._offered:
+                self._offered[robot] = self._node.create_publisher(
+                    UInt8MultiArray, f'{KEPT}/{robot}', qos.LATCHED)
+            publisher = self._offered[robot]
+            if publisher.get_subscription_count() and self._sent.get(robot) is not shared:
+                self._sent[robot] = shared
+                encoder = MapEncoder()
+                encoder.encode(shared.to_cells())
+                publisher.publish(bytes_message(encoder.key))
+
+    def fetch(self, sources: Mapping[str, str]) -> None:
+        """Ask for maps of absent robots, each from the peer that is named for it."""
+        for robot in list(self._fetched):
+            if self._fetched[robot][0] != sources.get(robot):
+                self._node.destroy_subscription(self._fetched.pop(robot)[1])
+        for robot, keeper in sources.items():
+            if robot not in self._fetched:
+                self._intake.heard.setdefault(robot, Heard())
+                self._fetched[robot] = keeper, self._node.create_subscription(
+                    UInt8MultiArray, f'/{keeper}/{KEPT}/{robot}',
+                    partial(self._intake.keep, robot, MAP), qos.LATCHED)

@@ -1,0 +1,44 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the other robots are, for slam_node: fusion_node tells it on `peer_bodies`."""
+
+import time
+from typing import Any
+
+from geometry_msgs.msg import PoseArray
+import numpy as np
+from somfusion_ros.geometry import Array
+from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common.conversions import pose_from_message
+from somfusion_ros.slam.bodies import hide_bodies
+from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.slam import Step
+
+FORGOTTEN = 5.0   # [s] after which the places of the others are not known any more
+MOST = 64         # robots that are looked for in a scan
+
+
+class PeerBodies:
+    """The newest places of the team's other robots in the robot's own map."""
+
+    def __init__(self, node: Any, radius: float) -> None:
+        self._radius = radius
+        self._bodies: Array = np.empty((0, 2))
+        self._heard = float('-inf')
+        node.create_subscription(PoseArray, 'peer_bodies', self._on_bodies, qos.LATEST)
+
+    def hide(self, scan: Scan, last: Step | None) -> Scan:
+        """Leave out what a scan saw of other robots, as far as the last step tells where it is."""
+        if last is None or not self._radius or time.monotonic() - self._heard > FORGOTTEN:
+            return scan
+        return hide_bodies(scan, last.pose, self._bodies, self._radius)
+
+    def _on_bodies(self, message: PoseArray) -> None:
+        """Keep the newest places; such that are not finite are nowhere."""
+        found = []
+        for pose in message.poses[:MOST]:
+            try:
+                found.append(pose_from_message(pose)[:2])
+            except ValueError:
+                continue
+        self._bodies, self._heard = np.array(found).reshape(-1, 2), time.monotonic()

@@ -1,0 +1,58 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Everything a slam_node publishes, in the frames of its parameters."""
+
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
+from somfusion_ros.grid import Grid
+from somfusion_ros.node_config import SlamNodeConfig
+from somfusion_ros.ros.common import conversions as convert
+from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common.diagnostics import diagnostic_array
+from somfusion_ros.ros.common.tf import Broadcaster
+from somfusion_ros.slam.slam import Slam, Step
+
+
+class SlamPublisher:
+    """The publishers of one robot's slam_node."""
+
+    def __init__(self, node: Any, config: SlamNodeConfig) -> None:
+        self._node, self._config = node, config
+        self._transforms = Broadcaster(node)
+        self._map = node.create_publisher(OccupancyGrid, 'map', qos.LATCHED)
+        self._metadata = node.create_publisher(MapMetaData, 'map_metadata', qos.LATCHED)
+        self._pose = node.create_publisher(PoseWithCovarianceStamped, 'pose', qos.STREAM)
+        self._path = node.create_publisher(Path, 'path', qos.LATEST)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.STREAM)
+        self.sends_transforms = (config.transform_publish_period > 0
+                                 and self._transforms.available)
+
+    def grid(self, grid: Grid, slam: Slam, stamp: Time) -> OccupancyGrid:
+        """Publish map, metadata and path; return the map's message."""
+        frame = self._config.map_frame
+        message = convert.grid_message(grid, frame, stamp)
+        self._map.publish(message)
+        self._metadata.publish(message.info)
+        self._path.publish(convert.path_message(*slam.views(), frame, stamp))
+        return message
+
+    def pose(self, step: Step, stamp: Time) -> None:
+        """Publish where the robot is."""
+        self._pose.publish(convert.pose_with_covariance(
+            step.pose, step.covariance, self._config.map_frame, stamp))
+
+    def transform(self, step: Step, stamp: Time) -> None:
+        """Repeat map -> odom, stamped ahead by the timeout so that consumers need not wait."""
+        ahead = convert.seconds(stamp) + self._config.transform_timeout
+        self._transforms.send([convert.transform_message(
+            step.T_map_odom, self._config.map_frame, self._config.odom_frame,
+            convert.time_message(ahead))])
+
+    def diagnostics(self, status: DiagnosticStatus) -> None:
+        """Publish a status."""
+        self._diagnostics.publish(diagnostic_array(
+            self._node.get_clock().now().to_msg(), [status]))

@@ -1,0 +1,58 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What slam_node tells /diagnostics."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from somfusion_ros.ros.common.diagnostics import status
+from somfusion_ros.slam.slam import Slam, Step
+
+SILENT = 2.0   # [s] without scans or odometry that are worth a warning
+
+
+@dataclass
+class Last:
+    """
+    What happened last.
+
+    Stamp and step of the newest scan used, seconds that it took, scans processed so far, when
+    scans and odometry were heard [s, steady clock], what the newest scan lacked, and scans and
+    time at the last report.
+    """
+
+    stamp: Time | None = None
+    step: Step | None = None
+    scan_seconds: float = 0.0
+    scans: int = 0
+    scan_heard: float = float('-inf')
+    odometry_heard: float = float('-inf')
+    lacking: str = ''
+    reported: tuple[int, float] = (0, 0.0)
+
+
+def silence(last: Last, now: float) -> tuple[str, str]:
+    """Name why no pose comes out, for a count of seconds, and say it; ('', '') while one does."""
+    for word, heard in (('scan', last.scan_heard), ('odometry', last.odometry_heard)):
+        if now - heard > SILENT:
+            age = f'for {now - heard:.0f} s' if heard > float('-inf') else 'yet'
+            return f'seconds_without_{word}', f'no {word} {age}'
+        if word == 'scan' and last.lacking:
+            return 'seconds_without_mount', last.lacking
+    return ('', '') if last.step else ('seconds_without_pose', 'no scan could be used yet')
+
+
+def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mapping[str, int],
+                now: float) -> DiagnosticStatus:
+    """Make the status of a slam_node; now [s] is the time of a steady clock."""
+    (scans, since), last.reported = last.reported, (last.scans, now)
+    sigma = slam.pose_sigma
+    values = {'scans_per_s': (last.scans - scans) / max(now - since, 1e-3),
+              'ms_per_scan': 1e3 * last.scan_seconds,
+              'age_of_scan_s': now - last.scan_heard,
+              'age_of_odometry_s': now - last.odometry_heard,
+              'pose_sigma_x_m': sigma[0], 'pose_sigma_y_m': sigma[1],
+              'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
+    return status(node, namespace, values, silence(last, now)[1])

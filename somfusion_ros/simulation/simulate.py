@@ -1,0 +1,155 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`somfusion simulate`: bags of robots in a floor plan, with the truth beside them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+import json
+from pathlib import Path
+import shutil
+from typing import Any
+
+import numpy as np
+from somfusion_ros.geometry import Array, between, Pose
+from somfusion_ros.io.bags.log import BagError
+from somfusion_ros.io.bags.writer import BagWriter
+from somfusion_ros.io.console import progress_bar, say
+from somfusion_ros.io.result import make_folder, pose_record
+from somfusion_ros.io.trajectories import write_tum
+from somfusion_ros.simulation import drive
+from somfusion_ros.simulation.floor_plan import FloorPlan, PLANS
+from somfusion_ros.simulation.laser import Laser, Scene
+from somfusion_ros.slam.motion import WheelOdometry
+from somfusion_ros.slam.scan import Scan
+
+EPOCH = 1000.0             # [s] stamp at which the robots are switched on
+ODOMETRY_PERIOD = 0.05     # [s]
+JITTER = 0.08              # [m] spread of the way points
+TRUTH = 'truth.json'
+LASER = Laser()
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """
+    What to simulate.
+
+    robots, plan (a name of PLANS), seed, duration: longest run [s], None for the plan's own,
+    wheel_error: largest share by which wheel radius and separation differ from what the
+    odometry believes, storage: mcap or sqlite3.
+    """
+
+    robots: int = 2
+    plan: str = 'office'
+    seed: int = 0
+    duration: float | None = None
+    wheel_error: float = 0.03
+    storage: str = 'mcap'
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One robot's drive: stamps (T,) [s] from 0, true poses (T, 3), encoders (T, 2) [rad]."""
+
+    stamps: Array
+    poses: Array
+    wheels: Array
+
+
+def simulate(output: str | Path, options: SimulationOptions | None = None) -> dict[str, Any]:
+    """
+    Write DIR/robotN/bag and DIR/robotN/reference.tum (T_world_base), and DIR/truth.json.
+
+    The map frame of a robot lies where it starts, as its odometry does. The same seed gives the
+    same bags. Returns what is in truth.json.
+    """
+    options = options or SimulationOptions()
+    if not 0.0 <= options.wheel_error < 0.5:
+        raise ValueError(f'wheel error {options.wheel_error} is outside [0, 0.5)')
+    plan, folder = PLANS[options.plan](), make_folder(output)
+    names = [f'robot{number + 1}' for number in range(options.robots)]
+    _clear(folder, names)
+    seeds = np.random.SeedSequence(options.seed).spawn(options.robots)
+    starts = {}
+    for number, (name, seed) in enumerate(zip(names, seeds)):
+        rng = np.random.default_rng(seed)
+        run = drive_robot(plan, number, options, rng)
+        (folder / name).mkdir()
+        write_bag(folder / name / 'bag', name, plan, run, options.storage, rng)
+        write_tum(folder / name / 'reference.tum', EPOCH + run.stamps[::5], run.poses[::5])
+        starts[name] = Pose.from_array(run.poses[0])
+        say(f'{name}: {run.stamps[-1]:.0f} s, '
+            f'{np.hypot(*np.diff(run.poses[:, :2], axis=0).T).sum():.1f} m: {folder / name}')
+    truth = truth_record(starts, options)
+    (folder / TRUTH).write_text(json.dumps(truth, indent=2) + '\n')
+    say(f'truth: {folder / TRUTH}')
+    return truth
+
+
+def drive_robot(plan: FloorPlan, number: int, options: SimulationOptions,
+                rng: np.random.Generator) -> Run:
+    """Let one robot drive its route."""
+    route = plan.route(number)
+    route = route + rng.uniform(-JITTER, JITTER, route.shape)
+    stamps, poses = drive.follow(route, float(rng.uniform(-np.pi, np.pi)),
+                                 float(rng.uniform(0.42, 0.5)),
+                                 options.duration or plan.duration)
+    wheels = drive.real_wheels(options.wheel_error, rng)
+    return Run(stamps, poses, drive.encoders(poses, wheels, rng))
+
+
+def write_bag(folder: Path, name: str, plan: FloorPlan, run: Run, storage: str,
+              rng: np.random.Generator) -> None:
+    """Write what the robot's sensors tell, in the order of time."""
+    with BagWriter(folder, storage) as bag, \
+            progress_bar(name, int(run.stamps[-1] / LASER.period) + 1, 'scan') as bar:
+        bag.mount(EPOCH, LASER.mount, LASER.height)
+        scans = scans_of(plan, run, rng)
+        scan = next(scans)
+        for stamp, pose, twist, wheels in odometry_of(run):
+            bag.wheels(stamp, wheels)
+            bag.odometry(stamp, pose, twist)
+            while scan is not None and scan.stamp <= stamp:
+                bag.scan(scan, LASER.period)
+                bar.update()
+                scan = next(scans, None)
+
+
+def odometry_of(run: Run) -> Iterator[tuple[float, Array, Array, Array]]:
+    """Yield stamp, T_odom_base, twist and wheel positions, by the nominal wheels."""
+    wheels = WheelOdometry(drive.NOMINAL.left, drive.NOMINAL.separation)
+    every, last = round(ODOMETRY_PERIOD / drive.STEP), np.zeros(3)
+    for stamp, positions in zip(run.stamps[::every], run.wheels[::every]):
+        pose = np.asarray(wheels.update(*positions))
+        yield EPOCH + stamp, pose, between(last, pose) / (every * drive.STEP), positions
+        last = pose
+
+
+def scans_of(plan: FloorPlan, run: Run, rng: np.random.Generator) -> Iterator[Scan]:
+    """Yield the scans; the robot moves on while the mirror turns."""
+    beams, scene = LASER.beam_times(), Scene(plan.segments)
+    for start in np.arange(0.0, run.stamps[-1] - LASER.period, LASER.period):
+        poses = drive.at(run.stamps, run.poses, start + beams)
+        yield LASER.scan(EPOCH + start, scene, poses, rng)
+
+
+def truth_record(starts: dict[str, Pose], options: SimulationOptions) -> dict[str, Any]:
+    """Describe the truth: T_world_map per robot, and T_target_source per pair of maps."""
+    return {
+        'plan': options.plan, 'seed': options.seed,
+        'transforms': {name: pose_record(pose) for name, pose in starts.items()},
+        'pairs': [{'target': a, 'source': b,
+                   'transform': pose_record(Pose.from_array(between(starts[a], starts[b])))}
+                  for a, b in combinations(starts, 2)],
+    }
+
+
+def _clear(folder: Path, names: list[str]) -> None:
+    """Make room for new bags; only what an earlier simulation wrote is removed."""
+    for name in names:
+        if not (folder / name).exists():
+            continue
+        if not (folder / TRUTH).exists():
+            raise BagError(f'{folder / name}: exists and is not from an earlier simulation')
+        shutil.rmtree(folder / name)

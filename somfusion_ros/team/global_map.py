@@ -1,0 +1,121 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+One map of the world out of every robot's map.
+
+Evidence is summed, never maximised: what one robot saw free and another occupied cancels. The
+world's origin always lies on a cell corner, so a map that grows moves by whole cells only. Where a
+robot has driven there is no wall: what others saw there was the robot.
+"""
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from somfusion_ros.geometry import apply, Array, compose, Pose
+from somfusion_ros.grid import FREE_ABOVE, Grid, MAX_CELLS, OCCUPIED_BELOW
+
+MAX_SIDE = 32766     # OpenCV holds image coordinates in 16 bits
+ALIGNED = 1e-6       # cells; corners nearer than this to a cell line lie on it
+
+
+def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
+                resolution: float | None = None, driven: Mapping[str, Array] | None = None,
+                robot_radius: float = 0.0) -> Grid:
+    """
+    Sum the evidence of several maps in the world frame.
+
+    Parameters
+    ----------
+    grids : map by robot, any size, origin (yaw too) and resolution
+    poses : T_world_map by robot; only robots in both mappings are drawn
+    resolution : edge of a world cell [m], default the finest of the maps
+    driven : points (N, 2) [m] of a robot's map frame in which its centre has been, by robot
+    robot_radius : within this distance of them [m], what a robot's own map calls free is free
+    """
+    names = sorted(set(grids) & set(poses))
+    if not names:
+        raise ValueError('no robot has both a map and a pose in the world')
+    if resolution is None:
+        resolution = min(grids[name].resolution for name in names)
+    parts = {name: part for name in names if (part := _known_part(grids[name])) is not None}
+    boxes = [_bounds(part, poses[name], resolution) for name, part in parts.items()]
+    if not boxes:
+        return Grid(np.zeros((1, 1), np.float32), resolution)
+    low, high = np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)
+    _check_size(high - low)
+    total = np.zeros((high - low)[::-1], np.float32)
+    free = np.zeros(total.shape, bool)
+    for (name, part), (first, last) in zip(parts.items(), boxes):
+        window = tuple(slice(a, b) for a, b in zip((first - low)[::-1], (last - low)[::-1]))
+        evidence = _resample(part, poses[name], resolution, first, last)
+        total[window] += evidence
+        if driven is not None and len(driven.get(name, ())):
+            been = apply(poses[name], driven[name]) / resolution - first
+            free[window] |= _discs(been, robot_radius / resolution, evidence.shape) & (
+                evidence > FREE_ABOVE)
+    total[free] = np.maximum(total[free], 1.0)
+    return Grid(np.clip(total, -1.0, 1.0), resolution, Pose(*(low * resolution), 0.0))
+
+
+def _discs(points: Array, radius: float, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mask of the cells within a radius of points (N, 2) as (column, row), all in cells."""
+    mask = np.zeros(shape, np.uint8)
+    for column, row in np.unique(np.floor(points).astype(int), axis=0).tolist():
+        cv2.circle(mask, (column, row), int(np.ceil(radius)), 1, cv2.FILLED)
+    return mask.astype(bool)
+
+
+def _known_part(grid: Grid) -> Grid | None:
+    """Cut a map to its known cells; None where there are none."""
+    rows, columns = np.flatnonzero(grid.known.any(1)), np.flatnonzero(grid.known.any(0))
+    if not len(rows):
+        return None
+    corner = Pose(columns[0] * grid.resolution, rows[0] * grid.resolution, 0.0)
+    return Grid(grid.evidence[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1], grid.resolution,
+                Pose.from_array(compose(grid.T_frame_grid, corner)))
+
+
+def _bounds(grid: Grid, T_world_map: Pose, resolution: float) -> tuple[Array, Array]:
+    """First and one-past-last world cell (column, row) that a map reaches."""
+    height, width = np.array(grid.shape) * grid.resolution
+    corners = np.array([(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)])
+    cells = apply(compose(T_world_map, grid.T_frame_grid), corners) / resolution
+    if not np.abs(cells).max() < 2 ** 31:
+        raise ValueError('a map lies too far from the world origin')
+    low, high = np.floor(cells.min(0) + ALIGNED), np.ceil(cells.max(0) - ALIGNED)
+    return low.astype(int), np.maximum(high, low + 1).astype(int)
+
+
+def _check_size(size: Array) -> None:
+    """Raise ValueError where the world's map would not fit in memory."""
+    if max(size) > MAX_SIDE or int(size[0]) * int(size[1]) > MAX_CELLS:
+        raise ValueError(f'a global map of {size[0]} x {size[1]} cells is too large')
+
+
+def _resample(grid: Grid, T_world_map: Pose, resolution: float, first: Array,
+              last: Array) -> NDArray[np.float32]:
+    """
+    Look up a map's evidence at the centres of world cells first..last - 1 (column, row).
+
+    Cells coarser than the map's are sampled several times: a wall among the samples wins, so
+    that thin walls survive, else their mean counts.
+    """
+    samples = max(1, int(np.ceil(resolution / grid.resolution - ALIGNED)))
+    fine = resolution / samples
+    x, y, theta = compose(T_world_map, grid.T_frame_grid)
+    # Cell centres: world = R (source + 1/2) g + t, and image pixel = (world / fine) - 1/2 - first.
+    c, s = np.cos(theta) * grid.resolution / fine, np.sin(theta) * grid.resolution / fine
+    matrix = np.array([[c, -s, x / fine - first[0] * samples - 0.5 + 0.5 * (c - s)],
+                       [s, c, y / fine - first[1] * samples - 0.5 + 0.5 * (s + c)]])
+    width, height = (last - first) * samples
+    if max(width, height, *grid.shape) > MAX_SIDE:
+        raise ValueError(f'a map of {width} x {height} cells is too large to resample')
+    image = cv2.warpAffine(grid.evidence, matrix, (int(width), int(height)),
+                           flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    if samples == 1:
+        return image
+    blocks = image.reshape(height // samples, samples, width // samples, samples)
+    lowest, mean = blocks.min((1, 3)), blocks.mean((1, 3))
+    return np.where(lowest < OCCUPIED_BELOW, lowest, mean)

@@ -1,0 +1,92 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""All maps of a team in, one world out: what the commands replay and merge have in common."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+from somfusion_ros.fusion.alignment import align, Alignment, learn, Trace, trace
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.fusion.measures import measure
+from somfusion_ros.geometry import between, Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.team.global_map import merge_grids
+from somfusion_ros.team.graph import Edge, Solution, solve
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """The verdict on one pair of maps, and how it came about where that was asked for."""
+
+    target: str
+    source: str
+    alignment: Alignment
+    trace: Trace | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Fusion:
+    """
+    The team's maps in one world.
+
+    world holds T_world_map of the largest connected group, unconnected the other names; V [%]
+    of all its overlapping maps, None where it is one map alone.
+    """
+
+    pairs: list[Pair]
+    solution: Solution
+    world: dict[str, Pose]
+    unconnected: list[str]
+    global_map: Grid
+    verification_index: float | None
+
+
+def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: bool = True,
+         on_pair: Callable[[], object] = lambda: None) -> Fusion:
+    """
+    Align every pair of maps, solve the team's graph, and sum the maps of its largest group.
+
+    Parameters
+    ----------
+    grids : map by robot
+    config : parameters of the merge
+    traced : keep the intermediate products of every pair, for the report
+    on_pair : called after every pair
+    """
+    pairs = []
+    names = sorted(grids, key=list(grids).index)
+    for target, source in combinations(names, 2):
+        pairs.append(_align(grids, target, source, config, traced))
+        on_pair()
+    edges = [Edge(p.target, p.source, p.alignment.T_target_source, p.alignment.covariance,
+                  p.alignment.probability) for p in pairs if p.alignment.accepted]
+    solution = solve(names, edges)
+    world = dict(solution.groups[0])
+    return Fusion(pairs, solution, world, [n for n in names if n not in world],
+                  merge_grids(grids, world), _whole_index(grids, world, config))
+
+
+def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,
+           traced: bool) -> Pair:
+    """Align one pair."""
+    maps = grids[target], grids[source]
+    alignment = align(*maps, config)
+    if not traced:
+        return Pair(target, source, alignment)
+    found = trace(*maps, config)
+    return Pair(target, source, alignment, replace(found, alignment=alignment))
+
+
+def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose],
+                 config: FusionConfig | None) -> float | None:
+    """V [%] (12) of all pairs in the world, each weighed by the area in which they overlap."""
+    total = area = 0.0
+    for a, b in combinations(sorted(world), 2):
+        maps = learn(grids[a], config), learn(grids[b], config)
+        if all(len(one.features) for one in maps):
+            evidence, = measure(between(world[a], world[b])[None], *maps)
+            shared = evidence.overlap * min(
+                grid.known.sum() * grid.resolution ** 2 for grid in (grids[a], grids[b]))
+            total, area = total + shared * evidence.V, area + shared
+    return min(100.0, float(100.0 * total / area)) if area else None

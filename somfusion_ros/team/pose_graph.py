@@ -1,0 +1,121 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Least squares over a few poses that are tied by measured relative poses.
+
+A team has at most some tens of robots, so dense matrices and plain Gauss-Newton are both the
+simplest and the fastest here. Node 0 is the anchor and stays at the identity.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from somfusion_ros.geometry import Array, between, between_jacobians, compose, inverse, wrap
+
+MAX_ITERATIONS = 50
+FEW_ITERATIONS = 3     # of a graph that differs by one edge from one that is solved
+STEP_TOLERANCE = 1e-9
+
+
+class Graph(NamedTuple):
+    """
+    Measured relative poses of nodes 0..nodes-1, all reachable from node 0.
+
+    pairs (E, 2) node numbers (target, source), measured (E, 3) T_target_source, information
+    (E, 3, 3) of its (x, y, theta).
+    """
+
+    nodes: int
+    pairs: NDArray[np.intp]
+    measured: Array
+    information: Array
+
+    def without(self, edge: int) -> 'Graph':
+        """Leave one edge out."""
+        keep = np.arange(len(self.pairs)) != edge
+        return Graph(self.nodes, self.pairs[keep], self.measured[keep], self.information[keep])
+
+
+class Estimate(NamedTuple):
+    """Poses (nodes, 3) in node 0's frame, covariances (nodes, 3, 3), chi-square per edge (E,)."""
+
+    poses: Array
+    covariances: Array
+    chi2: Array
+
+
+def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
+    """Nodes that edges connect to a start node, in rising order."""
+    a, b = pairs.reshape(-1, 2).T
+    links = coo_array((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
+    labels = connected_components(links, directed=False)[1]
+    return np.flatnonzero(labels == labels[start]).tolist()
+
+
+def optimise(graph: Graph) -> Estimate:
+    """Gauss-Newton from the poses along a tree of the best-known edges."""
+    poses = _along_tree(graph)
+    for _ in range(MAX_ITERATIONS):
+        poses, step = _step(graph, poses)
+        if step < STEP_TOLERANCE:
+            break
+    H, _, chi2 = _linearise(graph, poses)
+    P = np.zeros((3 * graph.nodes, 3 * graph.nodes))
+    P[3:, 3:] = np.linalg.inv(H[3:, 3:])
+    blocks = np.arange(graph.nodes)
+    covariances = P.reshape(graph.nodes, 3, graph.nodes, 3)[blocks, :, blocks, :]
+    return Estimate(poses, covariances, chi2)
+
+
+def chi2_from(graph: Graph, poses: Array) -> float:
+    """Chi-square (sum) that a graph settles at, to first order, from poses that nearly fit it."""
+    for _ in range(FEW_ITERATIONS):
+        poses, _ = _step(graph, poses)
+    return float(_linearise(graph, poses)[2].sum())
+
+
+def _step(graph: Graph, poses: Array) -> tuple[Array, float]:
+    """One step of Gauss-Newton: new poses and the size of the step."""
+    H, gradient, _ = _linearise(graph, poses)
+    step = np.zeros(3 * graph.nodes)
+    step[3:] = -np.linalg.solve(H[3:, 3:], gradient[3:])
+    poses = poses + step.reshape(-1, 3)
+    poses[:, 2] = wrap(poses[:, 2])
+    return poses, float(np.abs(step).max())
+
+
+def _linearise(graph: Graph, poses: Array) -> tuple[Array, Array, Array]:
+    """Build the normal matrix H, gradient, and chi-square per edge at the given poses."""
+    count, (a, b) = len(graph.pairs), graph.pairs.T
+    residual = between(poses[a], poses[b]) - graph.measured
+    residual[:, 2] = wrap(residual[:, 2])
+    J = np.concatenate(between_jacobians(poses[a], poses[b]), axis=-1)
+    JtW = np.swapaxes(J, 1, 2) @ graph.information
+    index = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
+    H = np.zeros((3 * graph.nodes, 3 * graph.nodes))
+    np.add.at(H, (index[:, :, None], index[:, None, :]), JtW @ J)
+    gradient = np.zeros(3 * graph.nodes)
+    np.add.at(gradient, index, np.einsum('eij,ej->ei', JtW, residual))
+    chi2 = np.einsum('ei,eij,ej->e', residual, graph.information, residual)
+    return H, gradient, chi2.reshape(count)
+
+
+def _along_tree(graph: Graph) -> Array:
+    """Compose the measurements outward from node 0, best-known edges first."""
+    poses, placed = np.zeros((graph.nodes, 3)), np.arange(graph.nodes) == 0
+    order = np.argsort(-np.linalg.det(graph.information), kind='stable')
+    while not placed.all():
+        leads_on = placed[graph.pairs[order]].sum(1) == 1
+        if not leads_on.any():
+            raise ValueError('the graph is not connected')
+        edge = order[leads_on.argmax()]
+        a, b = graph.pairs[edge]
+        if placed[a]:
+            poses[b] = compose(poses[a], graph.measured[edge])
+        else:
+            poses[a] = compose(poses[b], inverse(graph.measured[edge]))
+        placed[[a, b]] = True
+    return poses

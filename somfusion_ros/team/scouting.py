@@ -1,0 +1,67 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which peers' whole maps are worth asking for, by the clusters that they tell everybody."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.fusion.features import Clusters
+from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.grid import Grid
+from somfusion_ros.team.pair_history import missing_walls
+from somfusion_ros.team.screening import screen
+
+PATIENCE = 5.0   # [s] between two looks at the same peer
+
+
+@dataclass
+class _Peer:
+    """A peer's newest clusters, and what they were compared with last."""
+
+    clusters: Clusters
+    fresh: bool = True
+    own: Grid | None = None
+    at: float = float('-inf')
+
+
+class Scouting:
+    """Compares the robot's own map with the clusters of peers that are not wanted yet."""
+
+    def __init__(self, minimum_change: float) -> None:
+        self.likely: set[str] = set()
+        self._minimum_change = minimum_change
+        self._peers: dict[str, _Peer] = {}
+
+    @property
+    def unlikely(self) -> set[str]:
+        """Peers whose newest clusters were looked at and are like nothing in the own map."""
+        return {peer for peer, known in self._peers.items()
+                if not known.fresh and peer not in self.likely}
+
+    def update(self, peer: str, clusters: Clusters) -> None:
+        """Take the newest clusters of a peer's map."""
+        known = self._peers.setdefault(peer, _Peer(clusters))
+        known.clusters, known.fresh = clusters, True
+
+    def look(self, own: Grid | None, wanted: Collection[str], config: FusionConfig,
+             now: float) -> str | None:
+        """Compare with the one peer that waited longest; return its name, None if none is due."""
+        if own is None:
+            return None
+        waiting = sorted((known.at, peer) for peer, known in self._peers.items()
+                         if peer not in wanted and now - known.at >= PATIENCE)
+        for _, peer in waiting:
+            known = self._peers[peer]
+            known.at = now
+            if known.fresh or self._changed(known.own, own):
+                known.fresh, known.own = False, own
+                if screen(learn(own, config), known.clusters, config).likely:
+                    self.likely.add(peer)
+                return peer
+        return None
+
+    def _changed(self, before: Grid | None, own: Grid) -> bool:
+        """Tell whether the own map has enough new walls for another look."""
+        return before is None or (before is not own
+                                  and missing_walls(own, before) >= self._minimum_change)

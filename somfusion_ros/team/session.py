@@ -1,0 +1,221 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The work of a fusion node on a live team: maps in, verdicts and the global map out.
+
+Nothing here knows a message or a clock; all of it runs in one worker thread. What other threads
+need is handed out as snapshots that never change.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from somfusion_ros.fusion.alignment import align, Alignment
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.fusion.features import Clusters, Map
+from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.geometry import between, Pose
+from somfusion_ros.grid import Grid
+from somfusion_ros.team.config import TeamConfig
+from somfusion_ros.team.departed import Keeping, Kept
+from somfusion_ros.team.global_map import merge_grids
+from somfusion_ros.team.graph import Edge, Solution
+from somfusion_ros.team.members import Team
+from somfusion_ros.team.scouting import Scouting
+from somfusion_ros.team.shared_map import SharedMap
+
+DIGITS = 4    # of the poses that maps are drawn at [m, rad], so that all robots draw alike
+JUMP = (0.2, np.radians(2.0))   # [m, rad] a change of an accepted transform that is counted
+FIRST_PAUSE, LONGEST_PAUSE = 5.0, 600.0   # [s] without a match after a peer began maps anew
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """
+    The team as it is known now.
+
+    own_transforms: T_own_peer of the pairs that the robot itself accepted; edges: the same with
+    covariances, as peers are told; solution: where all maps lie; verdicts: the newest alignment
+    with each peer; words: what became of it; settled: the peers on whose present maps the last
+    word is said; wanted: the peers whose whole maps are of use; kept, kept_maps: robots that are
+    gone, with their maps; sources: who has the map of a robot that is gone; jumps: accepted
+    transforms that changed by much.
+    """
+
+    own_transforms: dict[str, Pose] = field(default_factory=dict)
+    edges: tuple[Edge, ...] = ()
+    solution: Solution = field(default_factory=lambda: Solution((), {}))
+    verdicts: dict[str, Alignment] = field(default_factory=dict)
+    words: dict[str, str] = field(default_factory=dict)
+    settled: frozenset[str] = frozenset()
+    wanted: frozenset[str] = frozenset()
+    kept: tuple[Kept, ...] = ()
+    kept_maps: Mapping[str, SharedMap] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
+    jumps: int = 0
+
+    def world(self, robot: str) -> dict[str, Pose]:
+        """T_world_map by robot of the team that a robot is connected with; {} while alone."""
+        group = self.solution.group_of(robot)
+        return group if len(group) > 1 else {}
+
+
+class FusionSession:
+    """One robot's team, its verdicts and its global map."""
+
+    def __init__(self, name: str, config: TeamConfig, fusion: FusionConfig,
+                 say: Callable[[str], object]) -> None:
+        known = {robot: Pose(*pose) for robot, pose in config.known_poses().items()}
+        self.fusion = fusion
+        self.snapshot = Snapshot()
+        self._name, self._config, self._say = name, config, say
+        self._team = Team(name, config.minimum_change, known if config.known_init_poses else None)
+        self._keeping = Keeping(self._team)
+        self._scouting = Scouting(config.minimum_change)
+        self._looked: dict[str, float] = {}
+        self._words: dict[str, str] = {}
+        self._dropped: set[tuple[tuple[str, str], str]] = set()
+        self._accepted: dict[str, Pose] = {}
+        self._jumps = 0
+        self._drawn: dict[str, tuple[SharedMap, Pose]] = {}
+        self.refresh()
+
+    @property
+    def own_grid(self) -> Grid | None:
+        """The robot's own newest map."""
+        own = self._team.maps.get(self._name)
+        return own and own.grid
+
+    def placed_peers(self) -> list[tuple[Map, Pose]]:
+        """Give what was learned of the maps of accepted peers, each with T_own_peer."""
+        return [(learn(self._team.maps[peer].grid, self.fusion), pose)
+                for peer, pose in self._team.own_transforms().items() if peer in self._team.maps]
+
+    def take_map(self, robot: str, shared: SharedMap, now: float = 0.0) -> bool:
+        """Take a robot's map; tell whether it changed anything."""
+        begun = self._team.begun_anew[robot]
+        changed = self._team.update_map(robot, shared)
+        if self._team.begun_anew[robot] > begun:
+            pause = 0.0 if not begun else min(FIRST_PAUSE * 2.0 ** begun, LONGEST_PAUSE)
+            self._looked[robot] = now + pause
+            for peer in list(self._accepted) if robot == self._name else [robot]:
+                self._accepted.pop(peer, None)
+            self._say(f'{robot} began a new map, for the {begun + 1}. time: its old place is '
+                      f'forgotten, a new one is sought in {pause:.0f} s')
+        return changed
+
+    def take_clusters(self, peer: str, clusters: Clusters) -> None:
+        """Take the clusters of a peer's map."""
+        self._scouting.update(peer, clusters)
+
+    def take_state(self, owner: str, edges: Iterable[Edge], kept: tuple[Kept, ...]) -> None:
+        """Take all that a peer accepts now, and what it keeps of robots that are gone."""
+        self._team.hear(owner, edges)
+        self._keeping.hear(owner, kept)
+
+    def add_edge(self, owner: str, edge: Edge) -> None:
+        """Take one pair that a peer accepted, beside those that it told before."""
+        kept = [old for old in self._team.heard_of(owner) if old.robots != edge.robots]
+        self._team.hear(owner, [*kept, edge])
+
+    def take_sighting(self, edge: Edge) -> None:
+        """Take a sighting of a peer."""
+        self._team.sight(edge)
+
+    def peers(self) -> list[str]:
+        """Robots whose map is known beside the robot's own."""
+        return self._team.peers()
+
+    def attempt(self, now: float, force: bool = False) -> str | None:
+        """Match the one pair that is due most; return the peer's name, None if none is due."""
+        period = 0.0 if force else 1.0 / self._config.estimation_rate
+        peer = next((peer for peer in self._team.peers()
+                     if now - self._looked.get(peer, -np.inf) >= period
+                     and self._look(peer, now, force)), None)
+        if peer is None:
+            return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
+        target, source = self._team.grids_of(peer)
+        verdict = align(target, source, self.fusion)
+        self._words[peer] = self._team.record(peer, verdict, target, source, now)
+        self._count_jump(peer, self._team.own_transforms().get(peer))
+        self._say(f'{self._name} and {peer}: {self._words[peer]}; {verdict.reason}')
+        return peer
+
+    def refresh(self, alive: Collection[str] | None = None) -> Snapshot:
+        """Place all maps anew by what is known now, and by who is there, if that is given."""
+        if alive is not None:
+            self._keeping.update(alive)
+        solution, pairs = self._team.solution(), self._team.pairs
+        dropped = {(d.edge.robots, d.edge.kind): d.reason for d in solution.dropped}
+        for edge in dropped.keys() - self._dropped:
+            self._say(dropped[edge])
+        self._dropped = set(dropped)
+        connected = solution.group_of(self._name).keys() - {self._name}
+        self.snapshot = Snapshot(
+            self._team.own_transforms(), tuple(self._team.own_edges()), solution,
+            {peer: pair.last for peer, pair in pairs.items() if pair.last is not None},
+            dict(self._words),
+            frozenset({peer for peer, pair in pairs.items() if pair.settled}
+                      | self._scouting.unlikely - self._team.maps.keys()),
+            frozenset(self._scouting.likely | connected), self._keeping.kept,
+            self._keeping.maps(), dict(self._keeping.sources), self._jumps)
+        return self.snapshot
+
+    def draw(self) -> Grid | None:
+        """Draw the global map; None where it would look like the last one."""
+        world, shown = self.snapshot.world(self._name), self._team.shown
+        if not world and self._drawn and self._name in shown:
+            world = {self._name: Pose()}   # the team fell apart: do not leave the old map standing
+        parts = {robot: (shown[robot], Pose(*np.round(pose, DIGITS)))
+                 for robot, pose in world.items() if robot in shown}
+        if not parts or self._looks_drawn(parts):
+            return None
+        self._drawn = parts
+        return self._merge(parts)
+
+    def _merge(self, parts: dict[str, tuple[SharedMap, Pose]]) -> Grid:
+        """
+        Merge maps at their poses; where that would be too large, without the ones far away.
+
+        The cells are those of the middle map, so that no single peer can make them absurd.
+        """
+        sizes = sorted(shared.grid.resolution for shared, _ in parts.values())
+        try:
+            return merge_grids(
+                {robot: shared.grid for robot, (shared, _) in parts.items()},
+                {robot: pose for robot, (_, pose) in parts.items()}, sizes[(len(sizes) - 1) // 2],
+                {robot: shared.driven for robot, (shared, _) in parts.items()},
+                self._config.robot_radius)
+        except ValueError as error:
+            if len(parts) == 1:
+                raise
+            middle = np.median([pose[:2] for _, pose in parts.values()], axis=0)
+            far = max(parts, key=lambda robot: np.hypot(*(parts[robot][1][:2] - middle)))
+            self._say(f'{far} is left out of the global map: {error}')
+            return self._merge({robot: part for robot, part in parts.items() if robot != far})
+
+    def reset(self) -> None:
+        """Forget all verdicts and begin again."""
+        self._team.reset()
+        self._looked.clear()
+        self._words.clear()
+        self.refresh()
+
+    def _look(self, peer: str, now: float, force: bool) -> bool:
+        """Note that a pair is looked at, and tell whether it is due."""
+        self._looked[peer] = now
+        return force or self._team.is_due(peer, now)
+
+    def _count_jump(self, peer: str, accepted: Pose | None) -> None:
+        """Count an accepted transform that gave way to one elsewhere, at once or after a while."""
+        if accepted is not None:
+            step = between(self._accepted.get(peer, accepted), accepted)
+            self._jumps += bool(np.hypot(step[0], step[1]) > JUMP[0] or abs(step[2]) > JUMP[1])
+            self._accepted[peer] = accepted
+
+    def _looks_drawn(self, parts: dict[str, tuple[SharedMap, Pose]]) -> bool:
+        """Tell whether the same maps lay at the same poses when last drawn."""
+        return parts.keys() == self._drawn.keys() and all(
+            shared is self._drawn[robot][0] and pose == self._drawn[robot][1]
+            for robot, (shared, pose) in parts.items())

@@ -1,3 +1,0 @@
-# Copyright 2026 The somfusion_ros authors
-# SPDX-License-Identifier: Apache-2.0
-"""The command line: replay, merge, simulate, report."""

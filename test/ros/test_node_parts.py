@@ -1,0 +1,177 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The smaller parts of the nodes: diagnostics, drawing, the player."""
+
+import logging
+from pathlib import Path
+import sys
+from types import SimpleNamespace
+
+from helpers import fake_grid, fake_room, need_data, need_ros
+import pytest
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.geometry import Pose
+from somfusion_ros.team.config import TeamConfig
+
+need_ros()
+
+from builtin_interfaces.msg import Time  # noqa: E402, I100
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from sensor_msgs.msg import LaserScan  # noqa: E402
+from somfusion_ros.fusion.learned_map import learn  # noqa: E402
+from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
+from somfusion_ros.ros.apps.player import open_bag, read_records  # noqa: E402
+from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
+from somfusion_ros.ros.common.peers import Heard  # noqa: E402
+from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
+from somfusion_ros.ros.fusion.markers import fusion_statuses, team_markers  # noqa: E402
+from somfusion_ros.team.session import FusionSession  # noqa: E402
+from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
+
+
+class Log:
+    """Keeps what a node would log."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.info = self.warning = lambda line, **_: self.lines.append(line)
+
+
+def test_without_tf_the_mount_comes_from_the_parameter_and_nothing_is_sent(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    log = Log()
+    node = SimpleNamespace(get_logger=lambda: log)
+    broadcaster = Broadcaster(node)
+    assert not broadcaster.available
+    broadcaster.send(['one'])
+    for given in (Pose(), Pose(0.1, 0.0, 0.2)):
+        assert Mounts(node, given).find('base_link', 'laser').T_base_laser == given
+    assert all('without TF' in line for line in log.lines)
+    assert log.lines
+
+
+def test_faults_are_counted_and_each_kind_is_said_rarely() -> None:
+    log, clock = Log(), [0.0]
+    count = Faults(log, lambda: clock[0])
+    for _ in range(3):
+        count('bad_map', 'because')
+    count('bad_scan')
+    assert count.counts() == {'bad_map': 3, 'bad_scan': 1}
+    assert len(log.lines) == 2
+    assert 'because' in log.lines[0]
+    clock[0] = 61.0
+    count('bad_map', 'again')
+    assert 'again (4 so far' in log.lines[2]
+
+
+def test_a_fault_of_the_start_is_said_only_where_it_lasts() -> None:
+    log, clock = Log(), [0.0]
+    count = Faults(log, lambda: clock[0])
+    for clock[0] in (0.0, 1.9):
+        count('no_mount', 'because', patience=2.0)
+    assert not log.lines
+    clock[0] = 2.1
+    count('no_mount', 'because', patience=2.0)
+    assert len(log.lines) == 1
+
+
+@pytest.mark.parametrize(('words', 'level', 'message'), [
+    ({}, DiagnosticStatus.OK, 'ok'), ({'warning': 'slow'}, DiagnosticStatus.WARN, 'slow'),
+    ({'warning': 'slow', 'error': 'dead'}, DiagnosticStatus.ERROR, 'dead')])
+def test_a_status_has_the_level_of_its_worst_word(words: dict[str, str], level: bytes,
+                                                  message: str) -> None:
+    made = status('node', 'robot1', {'n': 3, 'x': 0.123456}, **words)
+    assert (made.level, made.message) == (level, message)
+    assert [(v.key, v.value) for v in made.values] == [('n', '3'), ('x', '0.1235')]
+
+
+def test_numbers_are_written_for_readers() -> None:
+    assert [text(v) for v in (float('inf'), 1e-9, True, 'word')] == ['inf', '1e-09', 'True',
+                                                                     'word']
+
+
+def test_clusters_and_markers_show_what_was_learned() -> None:
+    learned = learn(fake_grid(fake_room()), FusionConfig())
+    rows = cluster_rows(learned.clusters)
+    assert rows.shape == (len(learned.clusters), 7)
+    assert len(rows) > 20
+    array = team_markers(learned, 'map', Time())
+    again = deserialize_message(serialize_message(array), type(array))
+    by_name = {m.ns: m for m in again.markers}
+    assert set(by_name) == {'segments', 'surfaces', 'norms', 'matches'}
+    assert len(by_name['segments'].points) == len(by_name['segments'].colors)
+    assert len(by_name['norms'].points) == 2 * len(rows)
+
+
+def session(said: list[str]) -> FusionSession:
+    """Make the work of robot1's fusion node."""
+    return FusionSession('robot1', TeamConfig(), FusionConfig(), said.append)
+
+
+def test_nobody_is_connected_before_a_verdict() -> None:
+    work = session([])
+    assert work.attempt(0.0) is None
+    work.take_map('robot1', SharedMap(fake_grid(fake_room())))
+    assert work.attempt(0.0) is None
+    work.refresh()
+    assert work.draw() is None
+    assert work.snapshot.world('robot1') == {}
+
+
+def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
+    said: list[str] = []
+    work, walls = session(said), fake_room(14.0, 11.0)
+    work.take_map('robot1', SharedMap(fake_grid(walls)))
+    work.take_map('robot2', SharedMap(fake_grid(walls, T_map_walls=Pose(2.0, -1.0, 0.7))))
+    assert work.attempt(0.0) == 'robot2'
+    assert work.attempt(0.5) is None   # not before its time
+    assert work.attempt(10.0) is None   # nor without a change
+    snapshot = work.refresh()
+    assert set(snapshot.world('robot1')) == {'robot1', 'robot2'}
+    assert 'accepted' in said[-1]
+    assert work.draw() is not None
+    assert work.draw() is None
+    heard = {name: Heard(0.0, 0.0, 1) for name in ('robot1', 'robot2')}
+    own, peer = fusion_statuses('node', 'robot1', snapshot, heard, {'fault': 2}, 1.0, 30.0)
+    assert own.level == peer.level == DiagnosticStatus.OK
+    values = {v.key: v.value for v in peer.values}
+    assert values['verdict'] == 'accepted'
+    assert float(values['V']) > 80.0
+    assert {'overlap', 'J', 'runner_up', 'reason', 'ms_per_attempt', 'map_age_s',
+            'bytes_received'} <= values.keys()
+    work.reset()
+    assert work.snapshot.world('robot1') == {}
+    assert work.draw() is not None   # the old global map does not stay
+
+
+@pytest.mark.parametrize(('heard', 'words'), [
+    (Heard(99.0), 'has not sent a map'), (Heard(0.0, 0.0, 1), 'silent for 100 s'),
+    (Heard(99.0, 99.0, 1), 'not matched yet')])
+def test_a_silent_peer_is_named(heard: Heard, words: str) -> None:
+    own = Heard(99.0, 99.0, 1)
+    peer = fusion_statuses('node', 'robot1', session([]).snapshot,
+                           {'robot1': own, 'robot2': heard}, {}, 100.0, 30.0)[1]
+    assert peer.level == DiagnosticStatus.WARN
+    assert words in peer.message
+
+
+def test_the_player_hands_on_the_bytes_of_a_bag() -> None:
+    folder = need_data('logs', 'mines_exp1')
+    with open_bag(folder) as reader:
+        records = list(read_records(reader, {'sensor_msgs/msg/LaserScan'}))
+    assert len(records) == 756
+    assert [r.time for r in records] == sorted(r.time for r in records)
+    scan = deserialize_message(records[0].data, LaserScan)
+    assert scan.header.frame_id == 'laser'
+
+
+def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    logging.getLogger('somfusion_ros').warning('unheard')
+    assert 'unheard' not in capsys.readouterr().err
+
+
+def test_a_bag_that_is_none_is_said_by_the_player(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match='nothing'):
+        open_bag(tmp_path / 'nothing').open()

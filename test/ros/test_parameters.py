@@ -1,0 +1,134 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters come from the config dataclasses; files, descriptors and live changes agree."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+from helpers import need_ros, ROOT
+import pytest
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.team.config import TeamConfig
+import yaml
+
+need_ros()
+
+import rclpy  # noqa: E402, I100
+from rclpy.exceptions import InvalidParameterTypeException  # noqa: E402
+from rclpy.exceptions import InvalidParameterValueException  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from somfusion_ros.ros.common import parameters  # noqa: E402
+from somfusion_ros.ros.common.parameter_yaml import (FILES, main, parameter_file,  # noqa: E402
+                                                     scalar)
+
+CONFIGS = [SlamConfig, SlamNodeConfig, TeamConfig, FusionConfig, FusionNodeConfig]
+
+
+@pytest.fixture
+def context(ros_domain: int) -> Iterator[rclpy.Context]:
+    """Give a ROS context that ends with the test."""
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    yield context
+    context.try_shutdown()
+
+
+def make_node(context: rclpy.Context, **overrides: object) -> Node:
+    """Make a node with parameters from the command line."""
+    return Node('tested', context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in overrides.items()])
+
+
+@pytest.mark.parametrize('config', CONFIGS, ids=lambda c: c.__name__)
+def test_defaults_come_through_ros_unchanged(config: type, context: rclpy.Context) -> None:
+    node = make_node(context)
+    assert parameters.declare(node, config) == config()
+    for item in fields(config):
+        described = node.describe_parameter(item.name)
+        assert described.description.startswith(item.metadata['description'])
+        assert described.read_only != item.metadata['live']
+        low = item.metadata['low']
+        if low is not None and isinstance(item.default, float):
+            assert described.floating_point_range[0].from_value == low
+        if low is not None and type(item.default) is int:
+            assert described.integer_range[0].from_value == low
+    node.destroy_node()
+
+
+def test_values_from_outside_arrive(context: rclpy.Context) -> None:
+    node = make_node(context, laser_pose=[0.1, 0.2, 0.3], odometry_source='encoders')
+    config = parameters.declare(node, SlamNodeConfig)
+    assert config.laser_pose == (0.1, 0.2, 0.3)
+    assert config.odometry_source == 'encoders'
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(('config', 'name', 'value'), [
+    (SlamConfig, 'resolution', -1.0), (SlamConfig, 'resolution', float('nan')),
+    (SlamConfig, 'resolution', 'fine'), (SlamNodeConfig, 'odometry_source', 'gps'),
+    (SlamNodeConfig, 'laser_pose', [1.0]), (FusionNodeConfig, 'merging_rate', 0.0),
+    (TeamConfig, 'initial_poses', ['robot1 1 2']), (FusionNodeConfig, 'peers', 'robot2')])
+def test_bad_values_are_refused_by_name(config: type, name: str, value: object,
+                                        context: rclpy.Context) -> None:
+    node = make_node(context, **{name: value})
+    with pytest.raises((ValueError, InvalidParameterValueException,
+                        InvalidParameterTypeException), match=name):
+        parameters.declare(node, config)
+    node.destroy_node()
+
+
+def test_live_changes_are_taken_all_or_none(context: rclpy.Context) -> None:
+    config = FusionConfig()
+    changed, result = parameters.change(config, [
+        Parameter('estimation_confidence', value=0.8), Parameter('unrelated', value=1)])
+    assert result.successful
+    assert changed.estimation_confidence == 0.8
+    same, result = parameters.change(config, [
+        Parameter('estimation_confidence', value=0.8), Parameter('segment_radius', value=-1.0)])
+    assert not result.successful
+    assert 'segment_radius' in result.reason
+    assert same is config
+
+
+def test_ros_itself_refuses_a_value_out_of_range(context: rclpy.Context) -> None:
+    node = make_node(context)
+    parameters.declare(node, FusionConfig, changeable=True)
+    good, bad = node.set_parameters([Parameter('estimation_confidence', value=v)
+                                     for v in (0.5, 1.5)])
+    assert good.successful
+    assert not bad.successful
+    node.destroy_node()
+
+
+@pytest.mark.parametrize('name', sorted(FILES))
+def test_the_files_are_as_written_from_the_config(name: str, tmp_path: Path) -> None:
+    main([str(tmp_path)])
+    again = (tmp_path / name).read_text()
+    assert again == parameter_file(name)
+    assert (ROOT / 'config' / name).read_text() == again, (
+        'run: python -m somfusion_ros.ros.common.parameter_yaml config')
+
+
+@pytest.mark.parametrize('value', [1e-5, 1e20, 0.1, 3, True, 'it', -2.5e-7])
+def test_yaml_reads_the_same_value_and_type(value: object) -> None:
+    again = yaml.safe_load(scalar(value))
+    assert again == value
+    assert type(again) is type(value)
+
+
+@pytest.mark.parametrize('name', sorted(FILES))
+def test_ros_reads_the_files_in_any_namespace(name: str, context: rclpy.Context) -> None:
+    node = Node('any_name', context=context, namespace='/fleet/robot7', cli_args=[
+        '--ros-args', '--params-file', str(ROOT / 'config' / name)])
+    for config in FILES[name][1].values():
+        assert parameters.declare(node, config) == config()
+    node.destroy_node()
+
+
+def test_known_poses_are_parsed() -> None:
+    config = TeamConfig(initial_poses=('', 'robot1 1 2.5 -0.5'))
+    assert config.known_poses() == {'robot1': (1.0, 2.5, -0.5)}

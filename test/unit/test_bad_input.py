@@ -1,0 +1,200 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags and folders that cannot be used: one line that names them, exit status 2, no traceback."""
+
+from pathlib import Path
+import shutil
+
+from helpers import fake_room, fake_scan, write_fake_bag
+import numpy as np
+import pytest
+from somfusion_ros.cli.main import main
+from somfusion_ros.io.bags.log import BagError, open_log
+from somfusion_ros.io.bags.writer import BagWriter
+from somfusion_ros.offline.robot_run import run_robot
+from somfusion_ros.slam.scan import Scan
+
+
+def bad_bag(path: Path) -> str:
+    """Read a bag to its end; give the one line that it must fail with."""
+    with pytest.raises(BagError) as error:
+        list(open_log(path))
+    text = str(error.value)
+    assert '\n' not in text
+    assert str(path) in text
+    return text
+
+
+@pytest.fixture(scope='module', params=['mcap', 'sqlite3'])
+def good(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a good bag, for the tests to spoil copies of."""
+    folder = tmp_path_factory.mktemp('good') / 'bag'
+    write_fake_bag(folder, storage=request.param, every=2)
+    return folder
+
+
+def storage_of(folder: Path) -> Path:
+    """Find the file with the messages."""
+    return next(f for f in folder.iterdir() if f.suffix in ('.mcap', '.db3'))
+
+
+def test_missing(tmp_path: Path) -> None:
+    assert bad_bag(tmp_path / 'none').endswith('no such file or folder')
+
+
+def test_foreign_folder(tmp_path: Path) -> None:
+    (tmp_path / 'picture.jpg').write_bytes(b'x')
+    assert 'not a bag' in bad_bag(tmp_path)
+
+
+@pytest.mark.parametrize('name', ['a.mcap', 'a.db3', 'a.bag', 'a.txt'])
+@pytest.mark.parametrize('content', [b'', b'garbage', bytes(range(256)) * 40])
+def test_foreign_file(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    bad_bag(path)
+
+
+@pytest.mark.parametrize('text', ['', 'no: bag', '[1, 2', 'rosbag2_bagfile_information: 3'])
+def test_foreign_metadata(good: Path, tmp_path: Path, text: str) -> None:
+    folder = shutil.copytree(good, tmp_path / 'bag')
+    (folder / 'metadata.yaml').write_text(text)
+    assert 'not a readable bag' in bad_bag(folder)
+
+
+@pytest.mark.parametrize('share', [0.0, 0.01, 0.1, 0.5, 0.9, 0.99])
+def test_truncated(good: Path, tmp_path: Path, share: float) -> None:
+    folder = shutil.copytree(good, tmp_path / 'bag')
+    file = storage_of(folder)
+    data = file.read_bytes()
+    file.write_bytes(data[:int(share * len(data))])
+    bad_bag(folder)
+
+
+def test_damaged_in_the_middle_is_an_error_or_harmless(good: Path, tmp_path: Path) -> None:
+    """Whatever bytes are spoilt, no other error than BagError comes out."""
+    rng = np.random.default_rng(3)
+    data = storage_of(good).read_bytes()
+    for trial in range(25):
+        spoilt = bytearray(data)
+        at = int(rng.integers(len(data) - 64))
+        spoilt[at:at + 64] = rng.bytes(64)
+        path = tmp_path / f'{trial}{storage_of(good).suffix}'
+        path.write_bytes(spoilt)
+        try:
+            list(open_log(path))
+        except BagError as error:
+            assert str(path) in str(error)
+
+
+def test_missing_storage_file(good: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(good, tmp_path / 'bag')
+    storage_of(folder).unlink()
+    bad_bag(folder)
+
+
+def test_without_scans(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.odometry(1.0, (0.0, 0.0, 0.0))
+    assert bad_bag(tmp_path / 'bag').endswith('no laser scans')
+
+
+def test_without_odometry(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.scan(fake_scan(fake_room(), (1.0, 1.0, 0.0), 1.0))
+    assert 'no odometry' in bad_bag(tmp_path / 'bag')
+
+
+def test_odometry_of_another_day(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        for number in range(5):
+            bag.odometry(1.0 + number, (0.0, 0.0, 0.0))
+            bag.scan(fake_scan(fake_room(), (1.0, 1.0, 0.0), 90000.0 + number))
+    with pytest.raises(BagError, match='no scan has odometry at its time'):
+        run_robot(open_log(tmp_path / 'bag'))
+
+
+def spoil(scan: Scan, number: int) -> Scan:
+    """Make one of the scans that drivers of real robots send when something is wrong."""
+    ranges = scan.ranges.copy()
+    kind = number % 6
+    if kind == 1:
+        ranges[:] = np.nan
+    elif kind == 2:
+        ranges = ranges[:0]
+    elif kind == 3:
+        ranges = ranges[::2]
+    elif kind == 4:
+        ranges[::3] = [np.nan, np.inf, -np.inf, 0.0, 1e30][number % 5]
+    increment = scan.angle_increment * (2.0 if kind == 3 else 1.0)
+    stamp = scan.stamp - (0.35 if kind == 5 else 0.0)
+    return Scan(stamp, ranges, scan.angle_min, increment, scan.range_min, scan.range_max)
+
+
+def test_bad_scans_among_good_ones_leave_a_map(tmp_path: Path) -> None:
+    """NaN, empty, halved, mixed and repeated scans: the robot is followed all the same."""
+    walls, stamps = fake_room(), np.arange(0.0, 6.0, 0.1)
+    poses = np.column_stack([1.0 + 0.4 * stamps, np.full(len(stamps), 2.0), 0.1 * stamps])
+    with BagWriter(tmp_path / 'bag') as bag:
+        for number, (stamp, pose) in enumerate(zip(stamps, poses)):
+            bag.odometry(10.0 + stamp, pose - (1.0, 2.0, 0.0))
+            bag.scan(spoil(fake_scan(walls, pose, 10.0 + stamp), number))
+    run = run_robot(open_log(tmp_path / 'bag'))
+    assert np.hypot(*(run.poses[-1, :2] - (poses[-1, :2] - (1.0, 2.0)))) < 0.15
+    assert run.grid.occupied.sum() > 100
+    assert any(name.startswith('scan_') for name in run.counters), 'what was bad is counted'
+
+
+def command(capsys: pytest.CaptureFixture, *arguments: object) -> str:
+    """Run a command that must fail; give its one line on stderr."""
+    assert main([str(a) for a in arguments]) == 2
+    said = capsys.readouterr()
+    assert said.err.count('\n') == 1
+    assert 'Traceback' not in said.err
+    return said.err
+
+
+def test_commands_name_the_file(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    out = tmp_path / 'out'
+    for arguments in (('replay', tmp_path / 'a', '--output', out),
+                      ('merge', tmp_path / 'a', tmp_path / 'b', '--output', out),
+                      ('report', tmp_path / 'a')):
+        assert str(tmp_path / 'a') in command(capsys, *arguments)
+    assert not out.exists()
+
+
+def test_a_truncated_bag_beside_a_good_one(good: Path, tmp_path: Path,
+                                           capsys: pytest.CaptureFixture) -> None:
+    folder = shutil.copytree(good, tmp_path / 'bag')
+    data = storage_of(folder).read_bytes()
+    storage_of(folder).write_bytes(data[:len(data) // 2])
+    assert str(folder) in command(capsys, 'replay', good, folder, '--output', tmp_path / 'out')
+
+
+def test_output_that_is_a_file(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / 'out').write_text('')
+    for arguments in (('replay', good), ('simulate',)):
+        assert str(tmp_path / 'out') in command(capsys, *arguments, '--output', tmp_path / 'out')
+
+
+@pytest.mark.parametrize('arguments', [
+    [], ['dance'], ['replay'], ['replay', 'a'], ['replay', 'a', '--output', 'b', '--jobs', '0'],
+    ['replay', 'a', '--output', 'b', '--laser-pose', '1,2'],
+    ['replay', 'a', '--output', 'b', '--wheel-radius', '-1'],
+    ['simulate', '--output', 'b', '--plan', 'castle'],
+    ['simulate', '--output', 'b', '--robots', 'two']])
+def test_bad_usage(arguments: list[str], capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    assert 'usage: somfusion' in capsys.readouterr().err
+
+
+def test_merge_of_one_map(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert 'at least two' in command(capsys, 'merge', 'a.yaml', '--output', tmp_path / 'out')
+
+
+def test_report_of_a_folder_that_is_no_result(tmp_path: Path,
+                                              capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / 'result.json').write_text('{"pairs": 3}')
+    assert 'not a result' in command(capsys, 'report', tmp_path)

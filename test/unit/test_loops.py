@@ -1,0 +1,177 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loop closure: where it looks, what it matches, and what it refuses to believe."""
+
+from dataclasses import replace
+
+from helpers import fake_room, fake_scan, pose_error
+import numpy as np
+import pytest
+from somfusion_ros.geometry import between, compose
+from somfusion_ros.slam import loop_matching
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.constraint import Relation
+from somfusion_ros.slam.ekf import DelayedStateEkf
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.loops import agree, Candidate, candidates, Loop, LoopClosure, SPAN
+from somfusion_ros.slam.scan import cloud
+
+CONFIG = SlamConfig(loop_minimum_gap=5)
+ROOM = fake_room()
+PLACES = np.array([(1.5, 1.5, 0.3), (2.5, 1.2, -0.4), (2.0, 2.5, 1.0)])
+R = np.diag([0.02, 0.02, 0.01]) ** 2
+
+
+def straight(n: int, sigma: float) -> DelayedStateEkf:
+    """Drive n views there and back again over the same floor."""
+    ekf = DelayedStateEkf()
+    ekf.augment(np.zeros(3), R)
+    for k in range(1, n):
+        turn = np.pi if k == n // 2 else 0.0
+        ekf.augment(np.array([0.5, 0.0, turn]), np.diag([sigma, sigma, 0.1 * sigma]) ** 2)
+    return ekf
+
+
+def test_candidates_are_old_views_near_by():
+    ekf = straight(40, 0.01)
+    found = candidates(39, ekf, np.zeros((40, 2)), CONFIG)
+    ties = [c for c in found if c.old == 39 - SPAN]
+    assert len(ties) == 1 and 2 <= len(found) <= 3
+    for candidate in found:
+        assert candidate.old <= 39 - CONFIG.loop_minimum_gap
+        assert (candidate in ties
+                or np.hypot(*candidate.expected[:2]) < CONFIG.loop_search_distance + 1.0)
+
+
+def test_an_unsure_view_may_lie_at_other_places_too():
+    """Within 4 sigma and a bit; all of them, one each; none where the filter is sure."""
+    sure, unsure = (candidates(59, straight(60, sigma), np.zeros((60, 2)), CONFIG)
+                    for sigma in (0.01, 0.3))
+    assert not any(c.elsewhere for c in sure)
+    for candidate in unsure:
+        places = np.array([c.old for c in candidate.elsewhere])
+        assert 3 <= len(places) <= 30 and places.max() <= 59 - CONFIG.loop_minimum_gap
+        for place in candidate.elsewhere:
+            assert np.hypot(*place.expected[:2]) < 1.2 + 4.1 * np.hypot(*place.sigma[:2])
+
+
+def test_a_new_map_has_no_candidates():
+    assert candidates(3, straight(4, 0.01), np.zeros((4, 2)), CONFIG) == []
+
+
+def clouds_of(places: np.ndarray, room: np.ndarray = ROOM) -> list:
+    rng = np.random.default_rng(0)
+    return [cloud(fake_scan(room, p, noise=0.01, rng=rng), 30.0) for p in places]
+
+
+def test_a_place_is_recognised_from_afar():
+    target = LocalMap.of_views(clouds_of(PLACES), list(between(PLACES[0], PLACES)))
+    truth = np.array([2.0, 1.8, 0.2])
+    expected = between(PLACES[0], truth)
+    guess = Candidate(0, expected + (0.8, -0.6, 0.2), np.array([0.4, 0.4, 0.1]))
+    loop = loop_matching.match(guess, 9, clouds_of(truth[None])[0], lambda old: target, CONFIG)
+    distance, angle = pose_error(loop.relation.z, expected)
+    assert distance < 0.03 and angle < np.radians(1)
+    assert loop.agreement > 0.95 and not loop.sure
+
+
+def test_another_place_is_refused_for_what_it_contradicts():
+    """A small room laid into a larger one has its walls where the old views saw free space."""
+    target = LocalMap.of_views(clouds_of(PLACES), list(between(PLACES[0], PLACES)))
+    other = cloud(fake_scan(fake_room(3.2, 2.4), np.array([1.0, 1.0, 0.5])), 30.0)
+    for x in (0.0, 0.5):
+        guess = Candidate(0, np.array([x, 0.3, 0.2]), np.array([0.5, 0.5, 0.2]))
+        assert loop_matching.match(guess, 9, other, lambda old: target, CONFIG) is None
+
+
+def test_a_tie_does_not_slide_along_a_round_wall():
+    """Views 6 m apart in a smooth round corridor see nothing in common: a loop may be farther."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 241)
+    rims = [np.column_stack([r * np.cos(angle), r * np.sin(angle)]) for r in (7.0, 9.0)]
+    walls = np.concatenate([np.column_stack([rim[:-1], rim[1:]]) for rim in rims])
+    places = np.array([(8 * np.cos(a), 8 * np.sin(a), a + np.pi / 2)
+                       for a in (0.0, -0.1, 0.1, 0.8)])
+    *old, seen = (cloud(fake_scan(walls, p, noise=0.01), 30.0) for p in places)
+    target = LocalMap.of_views(old, list(between(places[0], places[:3])))
+    guess = Candidate(0, between(places[0], places[3]), np.array([0.8, 0.8, 0.2]))
+    anywhere = loop_matching.match(guess, 9, seen, lambda old: target, CONFIG)
+    assert anywhere is not None, 'it is sought everywhere'
+    tie = replace(guess, tie=True)
+    assert loop_matching.match(tie, 9, seen, lambda old: target, CONFIG) is None
+
+
+@pytest.mark.parametrize('walls, unique', [(len(ROOM), False), (len(ROOM) - 4, True)])
+def test_a_view_that_fits_two_places_tells_neither(walls, unique):
+    """A second room, 6 m on, is the same; without its pillar it is another."""
+    first, second = (LocalMap.of_views(clouds_of(PLACES, room),
+                                       list(between(PLACES[0], PLACES)))
+                     for room in (ROOM, ROOM[:walls]))
+    truth = np.array([2.0, 1.8, 0.2])
+    expected, sigma = between(PLACES[0], truth), np.array([2.0, 2.0, 0.1])
+    guess = Candidate(0, expected, sigma, elsewhere=(
+        Candidate(8, expected - (6.0, 0.0, 0.0), sigma),))
+    places = {0: first, 8: second}
+    loop = loop_matching.match(guess, 19, clouds_of(truth[None])[0], places.get, CONFIG)
+    assert loop.unique == unique
+
+
+def loop_between(ekf: DelayedStateEkf, i: int, j: int, error: np.ndarray, sure: bool) -> Loop:
+    return Loop(Relation(i, j, compose(ekf.relative(i, j)[0], error), R), 1.0, sure)
+
+
+def test_a_loop_that_fits_a_sure_filter_is_trusted_at_once():
+    ekf = straight(40, 0.01)
+    assert LoopClosure(CONFIG).trusted(
+        loop_between(ekf, 2, 37, np.array([0.02, 0.0, 0.0]), True), ekf)
+
+
+def test_a_loop_far_from_expectation_waits_for_partners():
+    ekf, error = straight(40, 0.3), np.array([1.5, 1.0, 0.2])
+    closure = LoopClosure(CONFIG)
+    first = Relation(2, 35, compose(error, ekf.relative(2, 35)[0]), R)
+    others = [Relation(2, k, compose(error, ekf.relative(2, k)[0]), R) for k in (36, 37)]
+    assert closure.trusted(Loop(first, 1.0, False), ekf) == []
+    assert closure.trusted(Loop(others[0], 1.0, False), ekf) == []
+    assert len(closure.trusted(Loop(others[1], 1.0, False), ekf)) == 3
+
+
+def test_loops_that_agree_must_span_as_much_travel_as_the_filter_is_unsure():
+    """Views are 0.5 m apart: with a sigma of 0.6 m it takes the fifth loop."""
+    ekf, closure = straight(40, 0.3), LoopClosure(CONFIG)
+    error = np.array([1.5, 1.0, 0.2])
+    believed = [len(closure.trusted(Loop(Relation(
+        2, k, compose(error, ekf.relative(2, k)[0]), R), 1.0, False, 0.6), ekf))
+        for k in range(31, 37)]
+    assert believed == [0, 0, 0, 0, 5, 0]
+
+
+def test_an_unsure_loop_outside_the_gate_is_never_trusted():
+    """The same as above, with odometry that is six times as good."""
+    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    error = np.array([1.5, 1.0, 0.2])
+    for k in range(31, 39):
+        relation = Relation(2, k, compose(error, ekf.relative(2, k)[0]), R)
+        assert not closure.trusted(Loop(relation, 1.0, False, 0.6), ekf)
+
+
+def test_a_loop_that_fits_elsewhere_is_never_trusted():
+    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    for k in range(25, 39):
+        loop = replace(loop_between(ekf, 2, k, np.zeros(3), False), unique=False)
+        assert not closure.trusted(loop, ekf)
+
+
+def test_loops_that_contradict_one_another_are_never_trusted():
+    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    rng = np.random.default_rng(2)
+    for k in range(25, 39):
+        error = rng.uniform(-2.0, 2.0, 3)
+        assert not closure.trusted(loop_between(ekf, 2, k, error, False), ekf)
+
+
+def test_agreement_does_not_depend_on_the_order():
+    ekf = straight(40, 0.05)
+    a = loop_between(ekf, 2, 30, np.array([0.5, 0.3, 0.1]), False).relation
+    b = Relation(4, 33, compose(compose(between(ekf.poses[4], ekf.poses[2]), a.z),
+                                between(ekf.poses[30], ekf.poses[33])), R)
+    assert agree(a, b, ekf)

@@ -1,0 +1,148 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The package says the same about itself everywhere, and all of it gets installed."""
+
+import ast
+import configparser
+from importlib import import_module
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+from helpers import ROOT
+import pytest
+import somfusion_ros
+
+MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()
+SETUP = (ROOT / 'setup.py').read_text(encoding='utf-8')
+SCRIPTS = re.findall(r"'(\w+) = ([\w.]+):(\w+)'", SETUP)
+
+
+def test_package_xml_is_valid() -> None:
+    package = pytest.importorskip('catkin_pkg.package')
+    warnings: list[str] = []
+    parsed = package.parse_package(str(ROOT / 'package.xml'), warnings=warnings)
+    parsed.validate(warnings=warnings)
+    assert not warnings
+    assert parsed.package_format == 3
+    assert parsed.get_build_type() == 'ament_python'
+
+
+def test_package_xml_depends_only_at_run_and_test_time() -> None:
+    """Python is not built, so that other kinds of dependency would only pull in more."""
+    kinds = {e.tag for e in MANIFEST if e.tag.endswith('depend')}
+    assert kinds == {'exec_depend', 'test_depend'}
+    names = [e.text for e in MANIFEST if e.tag == 'exec_depend']
+    assert names == sorted(set(names))
+
+
+def test_every_ros_package_imported_is_depended_on() -> None:
+    named = {e.text for e in MANIFEST if e.tag == 'exec_depend'}
+    imported = set()
+    for path in [*(ROOT / 'somfusion_ros').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                imported.add(node.module.split('.')[0])
+    ros = {n for n in imported if n.endswith(('_msgs', '_srvs', '_interfaces'))
+           or n in ('ament_index_python', 'launch', 'launch_ros', 'rclpy', 'tf2_ros')}
+    assert ros <= named, f'not in package.xml: {sorted(ros - named)}'
+
+
+def test_versions_are_equal() -> None:
+    in_setup = re.search(r"version='([\d.]+)'", SETUP).group(1)
+    changes = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    newest = re.search(r'^(\d+\.\d+\.\d+) \(', changes, re.MULTILINE).group(1)
+    assert MANIFEST.find('version').text == in_setup == somfusion_ros.__version__ == newest
+
+
+def test_descriptions_and_licences_agree() -> None:
+    assert MANIFEST.find('license').text == 'Apache-2.0'
+    assert "license='Apache-2.0'" in SETUP
+    assert 'Apache License' in (ROOT / 'LICENSE').read_text(encoding='utf-8')
+
+
+def test_every_module_lies_in_a_package() -> None:
+    """find_packages passes over a folder without __init__.py, and with it all inside."""
+    from setuptools import find_packages
+    packages = find_packages(str(ROOT), exclude=['test', 'benchmarks'])
+    found = {p.replace('.', os.sep) for p in packages}
+    assert not {p for p in found if not p.startswith('somfusion_ros')}
+    modules = (ROOT / 'somfusion_ros').rglob('*.py')
+    assert {str(m.parent.relative_to(ROOT)) for m in modules} <= found
+
+
+@pytest.mark.parametrize('script, module, function', SCRIPTS)
+def test_entry_points_import(script: str, module: str, function: str) -> None:
+    if module.startswith('somfusion_ros.ros'):
+        pytest.importorskip('rclpy')
+    assert callable(getattr(import_module(module), function)), script
+
+
+def test_the_executables_of_the_design_exist() -> None:
+    assert {name for name, _, _ in SCRIPTS} == {'slam_node', 'fusion_node', 'player', 'somfusion'}
+
+
+@pytest.mark.parametrize('path', sorted((ROOT / 'launch').glob('*.py')), ids=lambda p: p.name)
+def test_launch_files_compile_and_describe(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    compile(tree, str(path), 'exec')
+    assert 'generate_launch_description' in {n.name for n in tree.body
+                                             if isinstance(n, ast.FunctionDef)}
+
+
+def test_launch_and_config_are_installed() -> None:
+    assert list((ROOT / 'launch').glob('*.launch.py'))
+    assert list((ROOT / 'config').glob('*.yaml'))
+    for share in ('config', 'launch'):
+        assert re.search(rf"share/\{{NAME\}}/{share}'", SETUP)
+
+
+def test_scripts_go_where_ros2_run_looks() -> None:
+    config = configparser.ConfigParser()
+    config.read(ROOT / 'setup.cfg')
+    assert config['install']['install_scripts'] == '$base/lib/somfusion_ros'
+    assert (ROOT / 'resource' / 'somfusion_ros').exists()
+
+
+def test_readme_begins_with_the_two_commands_and_its_links_lead_somewhere() -> None:
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    first = text.index('```sh')
+    assert text[first:first + 200].split('\n')[1].startswith('make demo')
+    assert text[first:first + 200].split('\n')[2].startswith('make test')
+    links = re.findall(r'\]\(([^)#]+)\)', text)
+    assert links
+    assert not [link for link in links if not (ROOT / link).exists()]
+
+
+def test_readme_names_every_topic_and_service_of_the_nodes() -> None:
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    made = set()
+    for path in (ROOT / 'somfusion_ros' / 'ros').rglob('*.py'):
+        if path.parent.name != 'apps':
+            source = path.read_text(encoding='utf-8')
+            made |= set(re.findall(
+                r"create_(?:publisher|subscription|service)\(\s*\w+,\s*'([~/\w]+)'", source))
+    assert {'scan', 'odom', 'map', 'encounters', '~/reset'} <= made
+    assert not [name for name in made if f'`{name}`' not in text]
+
+
+def test_ci_runs_the_tests_and_nothing_else() -> None:
+    path = ROOT / '.ci' / 'run'
+    assert os.access(path, os.X_OK)
+    lines = [line for line in path.read_text(encoding='utf-8').splitlines()
+             if line and not line.startswith('#')]
+    assert lines[-1] == 'make oldest test'
+    assert len(lines) <= 3
+
+
+def test_commands_say_how_they_are_used() -> None:
+    result = subprocess.run([sys.executable, '-m', 'somfusion_ros.cli.main', '--help'],
+                            cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0
+    for command in ('replay', 'merge', 'simulate', 'report', 'watch'):
+        assert command in result.stdout
