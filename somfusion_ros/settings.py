@@ -31,3 +31,18 @@ def validate(config: Any) -> None:
             continue
         if (low is not None and not value >= low) or (high is not None and not value <= high):
             raise ValueError(f'{item.name} = {value} is outside [{low}, {high}]')
+
+
+def tuned(value: Any, unit: str, reason: str, measured: str) -> Any:
+    """
+    Make a dataclass field for a number that was found by trying, not one that a user sets.
+
+    Parameters
+    ----------
+    value : the number, or a tuple of numbers
+    unit : its unit; '' for a share, a count or a power
+    reason : what it does, and what goes wrong where it is larger or smaller
+    measured : the benchmark, data or document where it was found; `by design` where it follows
+        from something else, `not measured` where nobody has tried others
+    """
+    return field(default=value, metadata={'unit': unit, 'reason': reason, 'measured': measured})
