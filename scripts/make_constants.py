@@ -18,8 +18,8 @@ import somfusion_ros  # noqa: E402
 ROOMS = ('slam', 'fusion', 'team', 'io', 'simulation')
 HEADER = """# Tuned numbers
 
-Made by `python scripts/make_constants.py` from the code; a test keeps both the same. Parameters that a
-user may set are in [config/](../config).
+Made by `python scripts/make_constants.py` from the code; a test keeps both the same. Parameters
+that a user may set are in [config/](../config).
 """
 
 
