@@ -32,9 +32,12 @@ import numpy as np  # noqa: E402
 from real_maps import RealMaps  # noqa: E402
 from scipy.optimize import minimize  # noqa: E402
 from somfusion_ros.fusion import verdict as verdicts  # noqa: E402
-from somfusion_ros.fusion.alignment import Clock, FEWEST, search, verify  # noqa: E402
+from somfusion_ros.fusion.alignment import ALIGNMENT  # noqa: E402
 from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
-from somfusion_ros.fusion.learned_map import learn  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.fusion.search import search  # noqa: E402
+from somfusion_ros.fusion.stopwatch import Stopwatch  # noqa: E402
+from somfusion_ros.fusion.verification import verify  # noqa: E402
 from somfusion_ros.geometry import Array, inverse  # noqa: E402
 
 TESTS = (verdicts.AGREEMENT, verdicts.DISTINCTION, verdicts.PLACES)
@@ -62,11 +65,11 @@ def look(kind: str, number: int, case: cases.Case) -> Sample | None:
     """Run the search and the verdict on a case; None where a map shows too little."""
     config = FusionConfig()
     maps = learn(case.target, config), learn(case.source, config)
-    if min(len(one.features) for one in maps) < FEWEST:
+    if min(len(one.features) for one in maps) < ALIGNMENT.fewest_features:
         return None
     swapped = len(maps[0].cells) < len(maps[1].cells)
     target, source = maps[::-1] if swapped else maps
-    verdict, poses, _, evidence, _ = verify(*search(target, source, config, Clock()), target,
+    verdict, poses, _, evidence, _ = verify(*search(target, source, config, Stopwatch()), target,
                                             source, config)
     pose = inverse(poses[verdict.best]) if swapped else poses[verdict.best]
     found = verdicts.measures(evidence, verdict.margins)

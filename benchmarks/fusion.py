@@ -28,10 +28,12 @@ import baselines  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from somfusion_ros.fusion import measures, orientation, rasters, translation, voting  # noqa: E402
-from somfusion_ros.fusion.alignment import align, Clock, search  # noqa: E402
+from somfusion_ros.fusion.alignment import align  # noqa: E402
 from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
-from somfusion_ros.fusion.features import Map  # noqa: E402
-from somfusion_ros.fusion.learned_map import CELL, learn  # noqa: E402
+from somfusion_ros.fusion.learned_map import LearnedMap  # noqa: E402
+from somfusion_ros.fusion.learning import learn, LEARNING  # noqa: E402
+from somfusion_ros.fusion.search import search  # noqa: E402
+from somfusion_ros.fusion.stopwatch import Stopwatch  # noqa: E402
 from somfusion_ros.geometry import compose, Pose, rotation, wrap  # noqa: E402
 from somfusion_ros.grid import Grid  # noqa: E402
 
@@ -60,21 +62,21 @@ def load(folder: Path, row: dict[str, str]) -> Pair:
     return Pair(*grids, *numbers)
 
 
-def turns_of(target: Map, source: Map, count: int) -> np.ndarray:
+def turns_of(target: LearnedMap, source: LearnedMap, count: int) -> np.ndarray:
     """Tuned orientations from the histograms' best peaks."""
     correlation = orientation.correlate(target.histogram, source.histogram)
     return orientation.tune(orientation.peaks(correlation, count), target.spectrum,
                             source.spectrum)
 
 
-def from_centroids(target: Map, source: Map, turns: np.ndarray) -> np.ndarray:
+def from_centroids(target: LearnedMap, source: LearnedMap, turns: np.ndarray) -> np.ndarray:
     """Start every turn with the maps' middles on one another."""
     return np.array([np.r_[target.pivot - rotation(t) @ source.pivot, t] for t in turns])
 
 
-def best_by_V(target: Map, source: Map, starts: np.ndarray) -> Found:
+def best_by_V(target: LearnedMap, source: LearnedMap, starts: np.ndarray) -> Found:
     """Run the published translation from every start; V chooses, and accepts from 90 %."""
-    nearest = rasters.nearest(target.features.centres, 2.0 * CELL, 1.0)
+    nearest = rasters.nearest(target.features.centres, 2.0 * LEARNING.cell, 1.0)
     poses = np.array([translation.mean_shift(start, source.features, target.features,
                                              nearest)[0] for start in starts])
     V = np.array([item.V for item in measures.measure(poses, target, source)])
@@ -121,7 +123,7 @@ def rescored(pair: Pair) -> Found:
 def by_cells(pair: Pair) -> Found:
     """Let the cells choose among what the clusters propose."""
     target, source = learn(pair.target), learn(pair.source)
-    poses, _ = search(target, source, FusionConfig(), Clock())
+    poses, _ = search(target, source, FusionConfig(), Stopwatch())
     evidence = measures.measure(poses, target, source)
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
     return poses[best], bool(evidence[best].V >= PUBLISHED_V)

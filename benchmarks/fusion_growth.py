@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.learned_map import learn  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.grid import Grid  # noqa: E402
 import worlds  # noqa: E402
 

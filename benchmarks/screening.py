@@ -22,7 +22,7 @@ for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 from builtin_interfaces.msg import Time  # noqa: E402, I100
 import numpy as np  # noqa: E402
 from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.learned_map import learn  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.grid import Grid  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.ros.common.conversions import cluster_cloud  # noqa: E402

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'support')
 from helpers import fake_grid, furnished_room  # noqa: E402, I100
 import numpy as np  # noqa: E402
 from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.learned_map import learn  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.geometry import between, Pose  # noqa: E402
 from somfusion_ros.team.global_map import merge_grids  # noqa: E402
 from somfusion_ros.team.graph import Edge  # noqa: E402

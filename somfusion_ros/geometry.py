@@ -101,6 +101,16 @@ def apply(T_target_source: ArrayLike, points: ArrayLike) -> Array:
     return np.asarray(points, dtype=float) @ rotation(pose[2]).T + pose[:2]
 
 
+def place(poses: Array, points: Array) -> NDArray[np.float32]:
+    """Take points (K, 2) of the source into the target by each of poses (B, 3): (2, B, K)."""
+    x, y, theta = np.asarray(poses, dtype=float).T
+    c, s = np.cos(theta), np.sin(theta)
+    # One matrix product: several times faster than sums and products one by one.
+    matrix = np.array([[c, -s, x], [s, c, y]], np.float32).transpose(0, 2, 1).reshape(-1, 3)
+    flat = np.concatenate([points.T, np.ones((1, len(points)))], dtype=np.float32)
+    return (matrix @ flat).reshape(2, len(c), len(points))
+
+
 def compose_jacobians(T_a_b: ArrayLike, T_b_c: ArrayLike) -> tuple[Array, Array]:
     """Jacobians (3, 3) of `compose` in its first and its second argument."""
     _, _, theta = np.asarray(T_a_b, dtype=float).tolist()

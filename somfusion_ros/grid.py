@@ -52,9 +52,30 @@ class Grid:
 
         Parameters
         ----------
-        cells : (H, W) integers, 0..100 for the chance of a wall in percent, others unknown
-        resolution : edge of a cell [m]
-        origin : (x [m], y [m], yaw [rad]) of the corner of cell (0, 0)
+        cells : (H, W) array of int
+            0..100 for the chance of a wall in percent, others unknown; row 0 is the lowest y.
+        resolution : float
+            Edge of a cell [m].
+        origin : three floats
+            (x [m], y [m], yaw [rad]) of the corner of cell (0, 0) in the map frame.
+
+        Returns
+        -------
+        Grid
+            The same map as evidence.
+
+        Raises
+        ------
+        ValueError
+            In one line, on anything that is not a usable grid.
+
+        Examples
+        --------
+        >>> grid = Grid.from_occupancy([[0, 100], [-1, 50]], 0.05, (1.0, 2.0, 0.0))
+        >>> grid.evidence.tolist()
+        [[1.0, -1.0], [0.0, 0.0]]
+        >>> grid.points(grid.occupied).round(3).tolist()
+        [[1.075, 2.025]]
         """
         cells = np.asarray(cells)
         _check(cells, resolution, origin)

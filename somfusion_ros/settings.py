@@ -5,7 +5,8 @@ How a setting is written down: default, unit, range and one sentence, once.
 
 Each room has its settings in frozen dataclasses of such fields. The nodes declare their ROS
 parameters from them, and the YAML files in `config/` repeat them with the same words (a test
-compares them).
+compares them). The numbers that a stage was tuned with, which no user sets, stand in a frozen
+dataclass beside the stage.
 """
 
 from dataclasses import field, fields
@@ -21,6 +22,17 @@ def parameter(default: Any, unit: str, low: float | None, high: float | None,
     """
     return field(default=default, metadata={
         'unit': unit, 'low': low, 'high': high, 'description': description, 'live': live})
+
+
+def tuned(default: Any, unit: str, reason: str, measured: str) -> Any:
+    """
+    Make a dataclass field for a number that a stage was tuned with.
+
+    It carries its unit, the reason for its size, and where it was measured ('' where it follows
+    from the reason alone). No user sets it: it is no parameter.
+    """
+    return field(default=default, metadata={
+        'unit': unit, 'reason': reason, 'measured': measured})
 
 
 def validate(config: Any) -> None:

@@ -4,32 +4,36 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from time import perf_counter
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from somfusion_ros.fusion import deformation, measures, orientation, refinement, translation
+from somfusion_ros.fusion import measures, orientation, rasters, refinement, translation
 from somfusion_ros.fusion import verdict as verdicts
-from somfusion_ros.fusion import voting
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.features import Map, Warp
-from somfusion_ros.fusion.learned_map import CELL, learn
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.learning import learn, LEARNING
 from somfusion_ros.fusion.map_trace import map_trace, MapTrace
-from somfusion_ros.fusion.rasters import nearest
+from somfusion_ros.fusion.search import search
+from somfusion_ros.fusion.stopwatch import Stopwatch
+from somfusion_ros.fusion.verification import verify
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
-
-FEWEST = 8          # features below which a map cannot be matched
-CANDIDATES = 40     # distinct poses of which the cells choose the finalists
-PEAKS = 4           # peaks of the histograms' correlation that are followed
-BENT_RIVALS = 1     # rivals that may bend too
-VOTE_CELLS = 512    # most cells along an edge of the voting grid
-FINAL = (np.radians([9.0, 6.0, 5.0, 4.0]), (0.4, 0.3, 0.2, 0.15))   # last steps of Algorithm 2
-PUBLISHED_V = 0.9   # V from which the published method trusts its only hypothesis
+from somfusion_ros.settings import tuned
 
 
-_answers: WeakKeyDictionary[Grid, WeakKeyDictionary[Grid, dict[FusionConfig, 'Alignment']]] = (
-    WeakKeyDictionary())
+@dataclass(frozen=True)
+class AlignmentSettings:
+    """Numbers that the merge of two maps was tuned with."""
+
+    fewest_features: int = tuned(
+        8, 'clusters', 'a map of fewer that have a normal cannot be matched', '')
+    published_v: float = tuned(
+        0.9, 'share', 'V (12) from which the published method trusts its only hypothesis',
+        'benchmarks/fusion.py')
+
+
+ALIGNMENT = AlignmentSettings()
 
 
 @dataclass(frozen=True)
@@ -40,14 +44,33 @@ class RunnerUp:
     probability: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Alignment:
     """
     The verdict on one pair of maps.
 
-    accepted, probability (0..1) of being right, reason (a sentence with numbers), the best pose
-    found or None, its covariance (3, 3), V in percent (12), J per iteration (10), the share of
-    the smaller map that overlaps, the best rival or None, and seconds per stage.
+    Attributes
+    ----------
+    accepted : bool
+        Whether the pose is to be used: `probability` reaches `estimation_confidence`.
+    probability : float
+        Chance that the pose is right, 0..1.
+    reason : str
+        One sentence with the numbers that decided.
+    T_target_source : Pose or None
+        Best pose found of the source map in the target map (m, m, rad), also when refused.
+    covariance : (3, 3) array
+        Of the pose (m, m, rad) in the target's frame.
+    verification_index : float
+        V of the paper's equation (12) [%].
+    performance_index : tuple of float
+        J of equation (10) after each iteration [m].
+    overlap : float
+        Share of the smaller map that lies on the other one, 0..1.
+    runner_up : RunnerUp or None
+        The best rival.
+    seconds : dict of str to float
+        Time per stage [s].
     """
 
     accepted: bool
@@ -62,7 +85,7 @@ class Alignment:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trace:
     """An alignment, what was learned of both maps, the correlation (360,) of histograms, J."""
 
@@ -74,162 +97,127 @@ class Trace:
 
 
 def align(target: Grid, source: Grid, config: FusionConfig | None = None,
-          rng: np.random.Generator | None = None) -> Alignment:
+          rng: np.random.Generator | None = None, cache: FusionCache | None = None) -> Alignment:
     """
     Find the pose of the source map in the target map.
 
-    Never raises on maps that cannot be matched: "no match" is an Alignment with a reason. No
-    random number is drawn; `rng` is there for methods that need one. Both directions give the
-    same answer: inside, the map with more wall is always the target. The answer is kept with the
-    two Grid objects: asking again costs nothing.
+    Both directions give the same answer: inside, the map with more wall is always the target.
+
+    Parameters
+    ----------
+    target, source : Grid
+        Maps of any size, resolution and origin.
+    config : FusionConfig, optional
+        Parameters of the merge.
+    rng : numpy.random.Generator, optional
+        Not drawn from: the merge is deterministic.
+    cache : FusionCache, optional
+        Keeps what was learned of the two Grid objects, and the answer: the same question costs
+        nothing the second time.
+
+    Returns
+    -------
+    Alignment
+        "No match" is an Alignment with a reason, not an exception.
+
+    References
+    ----------
+    S. Saeedi, L. Paull, M. Trentini, H. Li: Neural network-based multiple robot simultaneous
+    localization and mapping, IROS 2011.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from somfusion_ros.grid import Grid
+    >>> cells = np.full((60, 80), -1)
+    >>> cells[10:50, 10:70] = 0
+    >>> cells[[10, 49], 10:70] = cells[10:50, [10, 69]] = 100    # a room with four walls,
+    >>> room = Grid.from_occupancy(cells.copy(), 0.1)
+    >>> cells[10:30, 40] = 100                                    # and the same, divided
+    >>> found = align(room, Grid.from_occupancy(cells, 0.1))
+    >>> found.accepted, found.reason.split(':')[0]
+    (False, 'refused')
     """
-    config = config or FusionConfig()
-    known = _answers.setdefault(target, WeakKeyDictionary()).setdefault(source, {})
+    config, cache = config or FusionConfig(), cache or FusionCache()
+    known = cache.answers.setdefault(target, WeakKeyDictionary()).setdefault(source, {})
     if config not in known:
-        known[config] = _align_learned(target, source, config)
+        known[config] = _align_grids(target, source, config, cache)
     return known[config]
 
 
-def _align_learned(target: Grid, source: Grid, config: FusionConfig) -> Alignment:
+def _align_grids(target: Grid, source: Grid, config: FusionConfig,
+                 cache: FusionCache) -> Alignment:
     """Learn both maps, and match them in the order that does not depend on their roles."""
-    clock = Clock()
-    maps = learn(target, config), learn(source, config)
-    clock.lap('learning')
-    for name, one in zip(('target', 'source'), maps):
-        if len(one.features) < FEWEST or len(one.free) == 0:
-            return Alignment(False, 0.0, f'refused: the {name} map shows too little '
-                             f'({len(one.features)} clusters with a norm, {len(one.free)} free '
-                             'places)', seconds=clock.seconds)
+    stopwatch = Stopwatch()
+    maps = learn(target, config, cache), learn(source, config, cache)
+    stopwatch.lap('learning')
+    for name, one in zip(('target', 'source'), maps, strict=True):
+        if len(one.features) < ALIGNMENT.fewest_features or len(one.free) == 0:
+            return Alignment(accepted=False, probability=0.0, seconds=stopwatch.seconds,
+                             reason=f'refused: the {name} map shows too little '
+                             f'({len(one.features)} clusters with a normal, {len(one.free)} free '
+                             'places)')
     method = _align_as_published if config.method == 'paper' else _align
     if _rank(target, maps[0]) >= _rank(source, maps[1]):
-        return method(*maps, config, clock)
-    return _turned_round(method(*maps[::-1], config, clock))
+        return method(*maps, config, stopwatch)
+    return _turned_round(method(*maps[::-1], config, stopwatch))
 
 
-def _align(target: Map, source: Map, config: FusionConfig, clock: 'Clock') -> Alignment:
-    """Every stage in order, with many hypotheses at once."""
-    poses, J = search(target, source, config, clock)
+def _align(target: LearnedMap, source: LearnedMap, config: FusionConfig,
+           stopwatch: Stopwatch) -> Alignment:
+    """Take every stage in order, with many hypotheses at once."""
+    poses, J = search(target, source, config, stopwatch)
     verdict, poses, J, evidence, warp = verify(poses, J, target, source, config)
-    clock.lap('verification')
+    stopwatch.lap('verification')
     pose, covariance = refinement.refine(poses[verdict.best], target, source)
     covariance = refinement.widen(covariance, pose, source, warp)
-    clock.lap('refinement')
-    return _report(pose, covariance, verdict, evidence, J[:, verdict.best], poses, clock)
+    stopwatch.lap('refinement')
+    return _report(pose, covariance, verdict, evidence, J[:, verdict.best], poses, stopwatch)
 
 
-def search(target: Map, source: Map, config: FusionConfig,
-           clock: 'Clock') -> tuple[Array, Array]:
-    """Propose distinct poses (B, 3) of the source, with J of every step, (steps, B)."""
-    correlation = orientation.correlate(target.histogram, source.histogram)
-    turns = orientation.tune(orientation.peaks(correlation, PEAKS), target.spectrum,
-                             source.spectrum)
-    clock.lap('orientation')
-    votes = voting.VoteGrid(target.features, source.features, config.vote_cell, VOTE_CELLS)
-    poses = np.concatenate([votes.seeds(turn, config.seeds).reshape(-1, 3)
-                            for turn in orientation.families(turns)])
-    clock.lap('seeds')
-    poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
-    score = measures.scores(poses, target, source, every=2)
-    poses = measures.distinct(poses, score, source.pivot, CANDIDATES)
-    matched, against = measures.fine(poses, target, source)
-    rank = np.argsort(-matched ** 1.5 / (matched + against + 1.0), kind='stable')
-    poses = poses[rank[:config.finalists]]
-    poses, J = translation.settle(poses, source.features, target.features, target.nearest, *FINAL)
-    clock.lap('translation')
-    return poses, J
-
-
-def verify(poses: Array, J: Array, target: Map, source: Map, config: FusionConfig
-           ) -> tuple[verdicts.Verdict, Array, Array, measures.Evidence, Warp]:
-    """Judge the best of hypotheses (B, 3); return all with their J, its evidence and its warp."""
-    evidence = measures.measure(poses, target, source)
-    first = _judge(poses, evidence, {}, source, config)
-    if first.is_clear:
-        bent = {first.best: _bent(poses[first.best], target, source)}
-        verdict = _judge(poses, evidence, bent, source, config)
-        return verdict, poses, J, *bent[verdict.best]
-    beside = verdicts.slides(poses[first.best], evidence[first.best].axis)
-    beside, more = translation.settle(beside, source.sketch, target.features, target.nearest,
-                                      *FINAL)
-    poses, J = np.concatenate([poses, beside]), np.hstack([J, more])
-    evidence += measures.measure(beside, target, source)
-    # Bending may turn the order round: the best two places are judged bent.
-    best = max(range(len(poses)), key=lambda k: evidence[k].score)
-    others = verdicts.rivals(poses, evidence, best, source.pivot)
-    bent = {k: _bent(poses[k], target, source) for k in (best, *others[:BENT_RIVALS])}
-    verdict = _judge(poses, evidence, bent, source, config)
-    return verdict, poses, J, *bent[verdict.best]
-
-
-def _judge(poses: Array, evidence: list[measures.Evidence],
-           bent: dict[int, tuple[measures.Evidence, Warp]], source: Map,
-           config: FusionConfig) -> verdicts.Verdict:
-    """Judge the best of hypotheses (B, 3), of those that were bent if any was."""
-    items = {k: item for k, (item, _) in bent.items()} or dict(enumerate(evidence))
-    best = max(items, key=lambda k: items[k].score)
-    others = verdicts.rivals(poses, evidence, best, source.pivot)
-    return verdicts.judge(poses, evidence, best, items, others, config.estimation_confidence)
-
-
-def _bent(pose: Array, target: Map, source: Map) -> tuple[measures.Evidence, Warp]:
-    """Evidence of a hypothesis (3,) when the maps may bend, and how they bend."""
-    warp = deformation.bend(pose, target, source)
-    evidence, = measures.measure(pose[None], target, source, warp)
-    return evidence, warp
-
-
-def _align_as_published(target: Map, source: Map, config: FusionConfig,
-                        clock: 'Clock') -> Alignment:
+def _align_as_published(target: LearnedMap, source: LearnedMap, config: FusionConfig,
+                        stopwatch: Stopwatch) -> Alignment:
     """Follow the paper to the letter: one orientation, one start, and V decides."""
     correlation = orientation.correlate(target.histogram, source.histogram)
     theta = orientation.tune(orientation.peaks(correlation, 1), target.spectrum,
                              source.spectrum)[0]
-    clock.lap('orientation')
+    stopwatch.lap('orientation')
     start = np.r_[target.pivot - rotation(theta) @ source.pivot, theta]
-    pose, J = translation.mean_shift(start, source.features, target.features,
-                                     nearest(target.features.centres, 2.0 * CELL, 1.0))
-    clock.lap('translation')
+    nearest = rasters.nearest(target.features.centres, 2.0 * LEARNING.cell, 1.0)
+    pose, J = translation.mean_shift(start, source.features, target.features, nearest)
+    stopwatch.lap('translation')
     evidence, = measures.measure(pose[None], target, source)
-    verdict = verdicts.judge_by_V(evidence, PUBLISHED_V)
-    clock.lap('verification')
-    return _report(pose, np.diag([0.01, 0.01, 1e-4]), verdict, evidence, J, pose[None], clock)
+    verdict = verdicts.judge_by_V(evidence, ALIGNMENT.published_v)
+    stopwatch.lap('verification')
+    return _report(pose, np.diag([0.01, 0.01, 1e-4]), verdict, evidence, J, pose[None], stopwatch)
 
 
-def trace(target: Grid, source: Grid, config: FusionConfig | None = None) -> Trace:
+def trace(target: Grid, source: Grid, config: FusionConfig | None = None,
+          cache: FusionCache | None = None) -> Trace:
     """Return `align` together with its intermediate products, for figures."""
-    config = config or FusionConfig()
-    first, second = (map_trace(learn(grid, config)) for grid in (target, source))
-    alignment = align(target, source, config)
-    correlation = orientation.correlate(first.histogram, second.histogram)
-    return Trace(alignment, first, second, correlation, alignment.performance_index)
-
-
-class Clock:
-    """Seconds per stage."""
-
-    def __init__(self) -> None:
-        """Start."""
-        self.seconds: dict[str, float] = {}
-        self._last = perf_counter()
-
-    def lap(self, stage: str) -> None:
-        """Note what passed since the last call under the name of a stage."""
-        now = perf_counter()
-        self.seconds[stage], self._last = now - self._last, now
+    config, cache = config or FusionConfig(), cache or FusionCache()
+    first, second = (map_trace(learn(grid, config, cache)) for grid in (target, source))
+    alignment = align(target, source, config, cache=cache)
+    return Trace(alignment=alignment, target=first, source=second,
+                 correlation=orientation.correlate(first.histogram, second.histogram),
+                 performance_index=alignment.performance_index)
 
 
 def _report(pose: Array, covariance: Array, verdict: verdicts.Verdict,
             evidence: measures.Evidence, J: Iterable[float], poses: Array,
-            clock: Clock) -> Alignment:
+            stopwatch: Stopwatch) -> Alignment:
     """Put the answer together."""
     rival = None if verdict.rival is None else RunnerUp(
         Pose.from_array(poses[verdict.rival]), verdict.rival_probability)
-    return Alignment(verdict.accepted, verdict.probability, verdict.reason, Pose.from_array(pose),
-                     covariance, 100.0 * float(evidence.V), tuple(float(value) for value in J),
-                     float(evidence.overlap), rival, clock.seconds)
+    return Alignment(
+        accepted=verdict.accepted, probability=verdict.probability, reason=verdict.reason,
+        T_target_source=Pose.from_array(pose), covariance=covariance,
+        verification_index=100.0 * float(evidence.V),
+        performance_index=tuple(float(value) for value in J), overlap=float(evidence.overlap),
+        runner_up=rival, seconds=stopwatch.seconds)
 
 
-def _rank(grid: Grid, one: Map) -> tuple[int, tuple[int, int], bytes]:
+def _rank(grid: Grid, one: LearnedMap) -> tuple[int, tuple[int, int], bytes]:
     """Order two maps by what they show, whichever is called the target."""
     return len(one.cells), grid.shape, one.cells[:100].tobytes()
 

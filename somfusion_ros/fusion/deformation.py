@@ -14,8 +14,10 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.fusion.features import lattice_shares, Map, match_at, place, Warp
-from somfusion_ros.geometry import Array
+from somfusion_ros.fusion.cluster_matching import match_at
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.warp import lattice_shares, Warp
+from somfusion_ros.geometry import Array, place
 
 SPACING = 4.0         # edge of the lattice's cells, more where that makes too many [m]
 MOST = 60             # nodes at most
@@ -26,7 +28,7 @@ SCALE = 0.15          # distance at which a match has lost half of its pull [m]
 STRETCH, SHEAR, BEND, SHIFT = 3.0, 2.0, 0.3, 0.05    # stiffness, in metres of matched wall
 
 
-def bend(pose: Array, target: Map, source: Map) -> Warp:
+def bend(pose: Array, target: LearnedMap, source: LearnedMap) -> Warp:
     """Find the smooth warp that lays the source, placed by a pose (3,), onto the target."""
     clusters = source.features
     clusters = clusters.take(np.arange(0, len(clusters), -(-len(clusters) // ENOUGH)))
@@ -46,18 +48,19 @@ def bend(pose: Array, target: Map, source: Map) -> Warp:
         moved = u @ basis.T
         found = match_at((start + moved)[:, None], pose[2:], clusters, target.features,
                          target.nearest, angle, reach)
-        off, norm = found.off[0], found.norms[:, 0]
+        off, normal = found.off[0], found.normals[:, 0]
         pull = found.agrees[0] * weights / (1.0 + (off / SCALE) ** 2)
         on = np.flatnonzero(pull)
-        u = _solve(basis[on], norm[:, on], pull[on], (off + (norm * moved).sum(0))[on], stiffness)
+        wanted = off + (normal * moved).sum(0)
+        u = _solve(basis[on], normal[:, on], pull[on], wanted[on], stiffness)
     return Warp(np.ascontiguousarray(u.T).reshape(rows, columns, 2), low, spacing)
 
 
-def _solve(basis: NDArray[np.float32], norm: Array, pull: Array, wanted: Array,
+def _solve(basis: NDArray[np.float32], normal: Array, pull: Array, wanted: Array,
            stiffness: Array) -> NDArray[np.float32]:
-    """Displacements (2, n) of the nodes that move points (M,) by `wanted` along their norms."""
+    """Displacements (2, n) of the nodes that move points (M,) by `wanted` along their normals."""
     root = np.sqrt(pull)
-    rows = np.concatenate([basis.T * (root * across) for across in norm])
+    rows = np.concatenate([basis.T * (root * across) for across in normal])
     H = stiffness + rows @ rows.T
     return np.linalg.solve(H, rows @ (root * wanted)).reshape(2, -1).astype(np.float32)
 

@@ -7,26 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.fusion import orientation
-from somfusion_ros.fusion.features import Map
+from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.geometry import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MapTrace:
     """
     What was learned of one map, for figures.
 
     segments: one array (N, 2) of wall cells [m] per segment; labels (M,) segment of each of the
-    cells (M, 2) [m]; clusters (K, 2) [m] with norms (K, 2), cluster_segments (K,) and weights
-    (K,) [m]; histogram (360,) of norms; radon image (D, offsets) over radon_directions (D,) [rad]
-    and the sharpness (D,) whose peaks tune the orientation.
+    cells (M, 2) [m]; clusters (K, 2) [m] with normals (K, 2), cluster_segments (K,) and weights
+    (K,) [m]; histogram (360,) of normals; radon image (D, offsets) over radon_directions (D,)
+    [rad] and the sharpness (D,) whose peaks tune the orientation.
     """
 
     segments: list[Array]
     cells: Array
     labels: NDArray[np.intp]
     clusters: Array
-    norms: Array
+    normals: Array
     cluster_segments: NDArray[np.intp]
     weights: Array
     histogram: Array
@@ -35,7 +35,7 @@ class MapTrace:
     radon_sharpness: Array
 
 
-def map_trace(one: Map) -> MapTrace:
+def map_trace(one: LearnedMap) -> MapTrace:
     """Collect what figures show of one map."""
     order = np.argsort(one.segments, kind='stable')
     starts = np.flatnonzero(np.diff(one.segments[order])) + 1
@@ -43,7 +43,9 @@ def map_trace(one: Map) -> MapTrace:
     image = np.zeros((len(directions), 1))
     if len(one.features):
         image = orientation.radon(one.features.centres, one.features.weights, directions, 0.1)
-    return MapTrace(np.split(one.cells[order], starts), one.cells, one.segments,
-                    one.clusters.centres, one.clusters.norms, one.clusters.segments,
-                    one.clusters.weights, one.histogram, image, directions,
-                    orientation.spectrum(image))
+    return MapTrace(
+        segments=np.split(one.cells[order], starts), cells=one.cells, labels=one.segments,
+        clusters=one.clusters.centres, normals=one.clusters.normals,
+        cluster_segments=one.clusters.segments, weights=one.clusters.weights,
+        histogram=one.histogram, radon=image, radon_directions=directions,
+        radon_sharpness=orientation.spectrum(image))

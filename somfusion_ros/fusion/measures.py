@@ -14,15 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.fusion.features import Clusters, Map, match_at, place, Warp
+from somfusion_ros.fusion.cluster_matching import match_at
+from somfusion_ros.fusion.clusters import Clusters
+from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.rasters import FREE, NEAR, TOLERANCE, WALL
-from somfusion_ros.geometry import Array, inverse, rotation, wrap
+from somfusion_ros.fusion.warp import Warp
+from somfusion_ros.geometry import Array, inverse, place, rotation, wrap
 
 ANGLE = np.radians(25.0)
 PLACE = 0.8            # evidence that one place can give at most [m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
     """
     Measures of one hypothesis.
@@ -74,7 +77,7 @@ class Evidence:
         return self.fine_ratio ** 2 * np.sqrt(self.fine)
 
 
-def scores(poses: Array, target: Map, source: Map, every: int = 1) -> Array:
+def scores(poses: Array, target: LearnedMap, source: LearnedMap, every: int = 1) -> Array:
     """Score (B,) of hypotheses (B, 3) as `Evidence.score`, from every n-th cluster of both."""
     total = np.zeros((2, len(poses)))
     for way, seen, by in ((poses, source, target), (inverse(poses), target, source)):
@@ -90,7 +93,7 @@ def tally(zones: NDArray[np.uint8], clusters: Clusters) -> Array:
     return np.stack([((zones & NEAR) == NEAR) @ weights, (zones == FREE) @ weights])
 
 
-def fine(poses: Array, target: Map, source: Map) -> Array:
+def fine(poses: Array, target: LearnedMap, source: LearnedMap) -> Array:
     """
     Wall cells of both maps on the other's likelihood field, for hypotheses (B, 3).
 
@@ -106,7 +109,8 @@ def fine(poses: Array, target: Map, source: Map) -> Array:
     return total / 2.0
 
 
-def _tally_cells(likelihood: NDArray[np.uint8], zones: NDArray[np.uint8], seen: Map) -> Array:
+def _tally_cells(likelihood: NDArray[np.uint8], zones: NDArray[np.uint8],
+                 seen: LearnedMap) -> Array:
     """Length (2, B) [m] of wall cells (B, P) on a wall, and on what is known to be free."""
     against = np.where(zones & FREE, 255 - likelihood, 0)
     sums = [part.sum(1, dtype=np.int64) for part in (likelihood, against)]
@@ -126,7 +130,7 @@ def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
     return poses[kept[:count]]
 
 
-def measure(poses: Array, target: Map, source: Map,
+def measure(poses: Array, target: LearnedMap, source: LearnedMap,
             warp: Warp | None = None) -> list[Evidence]:
     """Take all measures of hypotheses (B, 3), of the source as it is or bent by a warp."""
     lay = Overlay(np.asarray(poses, dtype=float), warp)
@@ -140,9 +144,11 @@ def measure(poses: Array, target: Map, source: Map,
     held, lost = (ways[0].places(np.einsum('bji,bj->bi', R, axis)) + ways[1].places(axis)) / 2.0
     shares, votes = zip(*(way.free_agreement() for way in ways), strict=True)
     agree, differ = sum(votes)
-    return [Evidence(*row) for row in zip(
-        matched, against, near, far, np.max(shares, axis=0), held, lost,
-        agree / np.maximum(agree + differ, 1.0), axis, strict=True)]
+    found = {'matched': matched, 'against': against, 'fine': near, 'fine_against': far,
+             'overlap': np.max(shares, axis=0), 'weak': held, 'weak_against': lost,
+             'V': agree / np.maximum(agree + differ, 1.0), 'axis': axis}
+    return [Evidence(**dict(zip(found, row, strict=True)))
+            for row in zip(*found.values(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +173,8 @@ class Overlay:
 class _Way:
     """One map laid on the other by B poses: what of it is seen where it should be."""
 
-    def __init__(self, seen: Map, by: Map, lay: Callable[[Array], NDArray[np.float32]],
-                 turns: Array) -> None:
+    def __init__(self, seen: LearnedMap, by: LearnedMap,
+                 lay: Callable[[Array], NDArray[np.float32]], turns: Array) -> None:
         """Look up where everything falls, all at once."""
         self.seen = seen
         parts = seen.features.centres, seen.clusters.centres, seen.probes, seen.free
@@ -192,8 +198,8 @@ class _Way:
 
     def information(self) -> Array:
         """Sum (B, 2, 2) of w n n' over the matched features, in the frame of this map [m]."""
-        norms = self.seen.features.norms
-        outer = (norms[:, :, None] * norms[:, None]).reshape(-1, 4) * self.weight[:, None]
+        normals = self.seen.features.normals
+        outer = (normals[:, :, None] * normals[:, None]).reshape(-1, 4) * self.weight[:, None]
         return (self.on @ outer).reshape(-1, 2, 2)
 
     def places(self, axis: Array) -> Array:
@@ -204,7 +210,7 @@ class _Way:
         one place and counts up to `PLACE`: two end walls may meet by chance, many doors do not.
         """
         clusters = self.seen.features
-        weight = self.weight * (axis @ clusters.norms.T) ** 2
+        weight = self.weight * (axis @ clusters.normals.T) ** 2
         bins = np.floor(axis @ clusters.centres.T).astype(np.intp)
         bins -= bins.min(initial=0)
         count = int(bins.max(initial=0)) + 1

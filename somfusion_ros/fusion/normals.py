@@ -1,16 +1,16 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Surface norms between adjacent clusters and point norms of clusters (section II-C, Fig. 4).
+Surface normals between adjacent clusters and point normals of clusters (section II-C, Fig. 4).
 
-A surface norm stands upright on the line between two adjacent clusters; a point norm is the
-average of the surface norms around the cluster, an end takes its only surface's. The side of a
+A surface normal stands upright on the line between two adjacent clusters; a point normal is the
+average of the surface normals around the cluster, an end takes its only surface's. The side of a
 wall that is free decides the sign, where only one side is.
 """
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.fusion.features import Raster
+from somfusion_ros.fusion.rasters import Raster
 from somfusion_ros.geometry import Array
 from somfusion_ros.grid import Grid
 
@@ -19,24 +19,24 @@ PROBES = (2, 3, 4, 5)   # cells from the wall at which its sides are looked at
 WALL_COUNTS = -0.2      # evidence that a wall beside the wall counts for, hardly less than unknown
 
 
-def surface_norms(centres: Array, edges: Index) -> tuple[Array, Array]:
-    """Return unit norms (E, 2) of the surfaces between clusters, and their lengths (E,) [m]."""
+def surface_normals(centres: Array, edges: Index) -> tuple[Array, Array]:
+    """Return unit normals (E, 2) of the surfaces between clusters, and their lengths (E,) [m]."""
     along = centres[edges[:, 1]] - centres[edges[:, 0]]
     length = np.hypot(*along.T)
     return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(length, 1e-9)[:, None], length
 
 
-def point_norms(norms: Array, lengths: Array, edges: Index, count: int) -> tuple[Array, Array]:
+def point_normals(normals: Array, lengths: Array, edges: Index, count: int) -> tuple[Array, Array]:
     """
-    Average the surface norms around each cluster.
+    Average the surface normals around each cluster.
 
     Norms of opposite sign are the same surface, so the average is taken on doubled angles.
 
     Returns
     -------
-    (K, 2) unit norms, zero without a surface, and (K,) 0..1, how well the surfaces agree
+    (K, 2) unit normals, zero without a surface, and (K,) 0..1, how well the surfaces agree
     """
-    doubled = np.exp(2j * np.arctan2(norms[:, 1], norms[:, 0])) * lengths
+    doubled = np.exp(2j * np.arctan2(normals[:, 1], normals[:, 0])) * lengths
     total, size = np.zeros(count, complex), np.zeros(count)
     for end in (0, 1):
         total += (np.bincount(edges[:, end], doubled.real, count)
@@ -48,18 +48,18 @@ def point_norms(norms: Array, lengths: Array, edges: Index, count: int) -> tuple
     return np.where(straight[:, None] > 0, unit, 0.0), straight
 
 
-def free_side(grid: Grid, points: Array, norms: Array) -> tuple[Array, Array]:
+def free_side(grid: Grid, points: Array, normals: Array) -> tuple[Array, Array]:
     """
-    Turn norms (N, 2) at points (N, 2) [m] towards free space.
+    Turn normals (N, 2) at points (N, 2) [m] towards free space.
 
     Returns
     -------
-    (N, 2) norms and (N,) 0..1, how much freer that side is than the other
+    (N, 2) normals and (N,) 0..1, how much freer that side is than the other
     """
     steps = grid.resolution * np.array(PROBES + tuple(-probe for probe in PROBES), np.float32)
-    probed = points.T[:, None] + steps[:, None] * norms.T[:, None]
+    probed = points.T[:, None] + steps[:, None] * normals.T[:, None]
     raster = Raster(grid.evidence, grid.resolution, grid.T_frame_grid, 0.0)
     evidence = raster.at(probed.astype(np.float32)).reshape(2, len(PROBES), len(points))
     ahead, behind = np.maximum(evidence, WALL_COUNTS).mean(1)
     sign = np.where(ahead < behind, -1.0, 1.0)
-    return norms * sign[:, None], np.clip(np.abs(ahead - behind), 0.0, 1.0)
+    return normals * sign[:, None], np.clip(np.abs(ahead - behind), 0.0, 1.0)

@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Relative orientation from histograms of norms, tuned by Radon images (section III-A, (5)-(8)).
+Relative orientation from histograms of normals, tuned by Radon images (section III-A, (5)-(8)).
 
 Angles are source to target, counter-clockwise. The circular cross-correlation of the two 360
 degree histograms peaks at the relative orientation; buildings are rectangular, so that its rivals
@@ -18,14 +18,14 @@ FINE = 2           # Radon directions per degree
 TUNING = 4.0       # furthest that the tuning may go from a histogram peak [deg]
 
 
-def histogram(norms: Array, weights: Array, sided: Array, sigma: float = 2.0) -> Array:
+def histogram(normals: Array, weights: Array, sided: Array, sigma: float = 2.0) -> Array:
     """
-    Count norms by direction in 360 bins of one degree, weighted and smoothed on the circle.
+    Count normals by direction in 360 bins of one degree, weighted and smoothed on the circle.
 
-    A norm whose sign is unsure counts for its opposite too. Norms (N, 2); weights (N,); sided
+    A normal whose sign is unsure counts for its opposite too. Norms (N, 2); weights (N,); sided
     (N,) 0..1; sigma of the smoothing [deg].
     """
-    degrees = np.degrees(np.arctan2(norms[:, 1], norms[:, 0]))
+    degrees = np.degrees(np.arctan2(normals[:, 1], normals[:, 0]))
     sure = (1.0 + sided) / 2.0
     counts = np.zeros(BINS)
     for shift, share in ((0.0, sure), (180.0, 1.0 - sure)):

@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rasters of a map: its zones, likelihood field and nearest features, for any point at once."""
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.fusion.features import Index, Raster
-from somfusion_ros.geometry import apply, Array, Pose
+from somfusion_ros.fusion.clusters import Index
+from somfusion_ros.geometry import apply, Array, inverse, Pose
 from somfusion_ros.grid import Grid
 
 FREE_FROM = 0.5     # mean evidence from which a block of cells counts as free
@@ -15,6 +18,44 @@ TOLERANCE = 0.2     # a wall within this distance of another is the same [m]
 ROUNDING = 1e-6     # cells by which a distance may be off
 DENSE = 3           # times that cells are drawn from which `nearest` is faster
 NEAR, FREE, WALL = np.uint8(1), np.uint8(2), np.uint8(4)     # flags of zones
+WIDEST = 32767      # OpenCV looks up fewer places in a row, in rasters with fewer cells in a row
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """
+    Values (H, W) on cells of `resolution` [m] with the corner at T_frame_raster.
+
+    Every point beyond has the value `outside`.
+    """
+
+    values: NDArray
+    resolution: float
+    T_frame_raster: Pose
+    outside: float
+
+    def at(self, points: NDArray[np.float32]) -> NDArray:
+        """Values (...) at points (2, ...) [m] of the map frame."""
+        c, s, across, up = self._to_cells
+        x, y = points
+        column, row = (x * c, y * c) if s == 0.0 else (x * c - y * s, x * s + y * c)
+        column, row = column + across, row + up
+        if column.size and max(self.values.shape + column.shape) < WIDEST:
+            found = cv2.remap(self.values, column, row, cv2.INTER_NEAREST,
+                              borderMode=cv2.BORDER_CONSTANT, borderValue=self.outside)
+            return found.reshape(column.shape)
+        height, width = self.values.shape
+        column, row = np.rint(column).astype(np.intp), np.rint(row).astype(np.intp)
+        inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+        found = self.values.ravel()[np.where(inside, row * width + column, 0)]
+        return np.where(inside, found, self.values.dtype.type(self.outside))
+
+    @cached_property
+    def _to_cells(self) -> NDArray[np.float32]:
+        """Cosine, sine and shift that take map points to cells, whose centres are whole."""
+        x, y, theta = inverse(self.T_frame_raster)
+        scaled = np.array([np.cos(theta), np.sin(theta), x, y]) / self.resolution
+        return (scaled - [0.0, 0.0, 0.5, 0.5]).astype(np.float32)
 
 
 def zones(grid: Grid, walls: Index, cell: float) -> Raster:

@@ -9,8 +9,10 @@ map is preferred; a robust weight keeps what has moved or bent from pulling.
 """
 
 import numpy as np
-from somfusion_ros.fusion.features import Map, match, place, Warp
-from somfusion_ros.geometry import Array, inverse, rotation
+from somfusion_ros.fusion.cluster_matching import match
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.warp import Warp
+from somfusion_ros.geometry import Array, inverse, place, rotation
 
 REACHES = (0.3, 0.2, 0.15, 0.15)     # furthest match in each step [m]
 ROUGH = 2         # first steps, for which a map's sketch is enough
@@ -19,7 +21,7 @@ SCALE = 0.05      # distance at which a match has lost half of its pull [m]
 SHARED = 4.0      # neighbouring clusters err alike: this many count as one measurement
 
 
-def refine(pose: Array, target: Map, source: Map) -> tuple[Array, Array]:
+def refine(pose: Array, target: LearnedMap, source: LearnedMap) -> tuple[Array, Array]:
     """
     Refine T_target_source (3,); return it with its covariance (3, 3) [m, m, rad].
 
@@ -41,7 +43,7 @@ def refine(pose: Array, target: Map, source: Map) -> tuple[Array, Array]:
     return pose, np.linalg.inv(H)
 
 
-def widen(covariance: Array, pose: Array, source: Map, warp: Warp) -> Array:
+def widen(covariance: Array, pose: Array, source: LearnedMap, warp: Warp) -> Array:
     """
     Add to a covariance (3, 3) what one rigid pose leaves wrong where the maps are bent.
 
@@ -60,7 +62,7 @@ def widen(covariance: Array, pose: Array, source: Map, warp: Warp) -> Array:
     return covariance + J @ spread @ J.T
 
 
-def _residuals(pose: Array, target: Map, source: Map, reach: float,
+def _residuals(pose: Array, target: LearnedMap, source: LearnedMap, reach: float,
                few: bool = False) -> tuple[Array, Array, Array]:
     """Jacobian (M, 3) in (x, y, theta) of the pose, wanted moves (M,) and weights (M,)."""
     rows = []
@@ -69,11 +71,11 @@ def _residuals(pose: Array, target: Map, source: Map, reach: float,
         way = pose if forth else inverse(pose)
         clusters = seen.sketch if few else seen.features
         found = match(way[None], clusters, by.features, by.nearest, ANGLE, 0.5)
-        off, line = found.off[0].astype(float), found.norms[:, 0].astype(float)
+        off, line = found.off[0].astype(float), found.normals[:, 0].astype(float)
         # The line of the other map, brought to the target's frame, and the point that turns.
-        norm = line if forth else -R @ line
+        normal = line if forth else -R @ line
         arm = R @ (clusters.centres.T if forth else found.at[:, 0])
-        J = np.column_stack([norm[0], norm[1], arm[0] * norm[1] - arm[1] * norm[0]])
+        J = np.column_stack([normal[0], normal[1], arm[0] * normal[1] - arm[1] * normal[0]])
         weight = found.agrees[0] * (np.abs(off) < reach) * np.minimum(
             clusters.weights * clusters.straight,
             (by.features.weights * by.features.straight)[found.other[0]])

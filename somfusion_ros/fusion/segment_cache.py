@@ -13,13 +13,13 @@ from somfusion_ros.fusion import som
 from somfusion_ros.geometry import Array
 
 Index = NDArray[np.intp]
-Clusters = tuple[Array, Index, Index, Index]   # centres, segments, edges and winners of som.train
+Chains = tuple[Array, Index, Index, Index]   # centres, segments, edges and winners of som.train
 WORTH = 64          # cells from which a segment is worth remembering
 MOST = 4096         # segments that are remembered at most
 PER_METRE = 1024    # cells are told apart at about a millimetre
 
 
-class SegmentMemory:
+class SegmentCache:
     """Remembers the clusters of segments by their cells."""
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class SegmentMemory:
         self._known: dict[tuple[float, bytes], tuple[Array, Index, Index]] = {}
         self.learned_cells = 0      # cells that were presented so far
 
-    def train(self, points: Array, times: Array, segments: Index, spacing: float) -> Clusters:
+    def train(self, points: Array, times: Array, segments: Index, spacing: float) -> Chains:
         """Do the same as `som.train`, learning only the segments that are not known."""
         keys = self._keys(points, times, segments, spacing)
         known = {label: self._known[key] for label, key in keys.items() if key in self._known}
@@ -49,7 +49,7 @@ class SegmentMemory:
         return {int(label): (spacing, cells[starts[label]:ends[label]].tobytes())
                 for label in np.flatnonzero(ends - starts >= WORTH)}
 
-    def _remember(self, learned: Clusters, segments: Index,
+    def _remember(self, learned: Chains, segments: Index,
                   keys: dict[int, tuple[float, bytes]]) -> None:
         """Keep the clusters of segments; the oldest are forgotten."""
         centres, of, edges, winner = learned
@@ -66,8 +66,8 @@ class SegmentMemory:
             del self._known[next(iter(self._known))]
 
 
-def _together(learned: Clusters, fresh: NDArray[np.bool_],
-              known: dict[int, tuple[Array, Index, Index]], segments: Index) -> Clusters:
+def _together(learned: Chains, fresh: NDArray[np.bool_],
+              known: dict[int, tuple[Array, Index, Index]], segments: Index) -> Chains:
     """Put learned and remembered clusters in the order in which `som.train` gives them."""
     centres, of, edges, winner = [learned[0]], [learned[1]], [learned[2]], np.empty(
         len(segments), np.intp)

@@ -3,10 +3,10 @@
 """
 Segmentation of a map's occupied cells (Algorithm 1, equations (1)-(3)).
 
-`grow` is the algorithm as published: circles of radius r around start cells, next starts in the
-ring of width 1 at the rim of the circle, or of width delta_r where that is empty. On walls drawn
-without holes wider than r its segments are the connected components of the graph that links
-cells at most r apart, which `segment` finds at once.
+As published, circles of radius r grow around start cells, with the next starts in the ring of
+width 1 at the rim of the circle, or of width delta_r where that is empty. On walls drawn without
+holes wider than r the segments are the connected components of the graph that links cells at most
+r apart, which `segment` finds at once. The tests hold it to the algorithm as published.
 """
 
 import numpy as np
@@ -47,32 +47,6 @@ def segment(cells: Cells, shape: tuple[int, int], radius: float) -> NDArray[np.i
     rows, columns = np.concatenate(here), np.concatenate(there)
     graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.intp)
-
-
-def grow(cells: Cells, radius: float, delta_radius: float) -> NDArray[np.intp]:
-    """
-    Algorithm 1 as published, cell by cell: labels (N,) of cells (N, 2).
-
-    The reference that `segment` is held to, and the segmentation of method `paper`.
-    """
-    labels = np.full(len(cells), -1, np.intp)
-    for label in range(len(cells)):
-        rest = np.flatnonzero(labels < 0)
-        if len(rest) == 0:
-            break
-        starts, seen = [int(rest[0])], {int(rest[0])}
-        while starts:
-            start = starts.pop()
-            distance = np.hypot(*(cells - cells[start]).T)
-            circle = ((labels < 0) | (labels == label)) & (distance <= radius)
-            labels[circle] = label                                                       # (1)
-            fresh = set(np.flatnonzero(circle & (distance > radius - 1.0)).tolist()) - seen   # (2)
-            if not fresh:                                                                # (3)
-                rim = circle & (distance > radius - delta_radius)
-                fresh = set(np.flatnonzero(rim).tolist()) - seen
-            seen |= fresh
-            starts.extend(sorted(fresh))
-    return labels
 
 
 def _half_disc(radius: float) -> list[tuple[int, int]]:

@@ -3,14 +3,16 @@
 """
 Norm-matched alignment of clusters (section III-B, Algorithm 2, equation (9)).
 
-Every source cluster looks for the nearest target cluster; the two match if their point norms
+Every source cluster looks for the nearest target cluster; the two match if their point normals
 differ by less than a threshold that falls from 25 to 4 degrees. Published, the map moves by the
-mean shift of the matches. Here all seeds move at once, and along the norms only (point to line),
+mean shift of the matches. Here all seeds move at once, and along the normals only (point to line),
 with a small turn: clusters of two maps sit at different places along the same wall.
 """
 
 import numpy as np
-from somfusion_ros.fusion.features import Clusters, match, Matches, Raster
+from somfusion_ros.fusion.cluster_matching import match, Matches
+from somfusion_ros.fusion.clusters import Clusters
+from somfusion_ros.fusion.rasters import Raster
 from somfusion_ros.geometry import Array
 
 ANGLES = np.radians([25.0, 18.0, 12.0, 7.0, 4.0])        # thresholds of Algorithm 2
@@ -63,7 +65,7 @@ def _solve(found: Matches, weight: Array) -> tuple[Array, Array]:
     total = np.einsum('bk->b', weight) + 1e-6
     pivot = np.einsum('ibk,bk->bi', found.at, weight) / total[:, None]
     arm = found.at - pivot.T[:, :, None]
-    J = (*found.norms, arm[0] * found.norms[1] - arm[1] * found.norms[0])
+    J = (*found.normals, arm[0] * found.normals[1] - arm[1] * found.normals[0])
     H, g = np.empty((len(total), 3, 3)), np.empty((len(total), 3))
     for i, row in enumerate(J):
         pull = row * weight

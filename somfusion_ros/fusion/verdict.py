@@ -16,9 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from somfusion_ros.fusion.features import Index, place
+from somfusion_ros.fusion.clusters import Index
 from somfusion_ros.fusion.measures import Evidence
-from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.geometry import Array, place, wrap
 
 SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]
 APART = (0.7, np.radians(8.0))     # a rival lies further than this from the best [m, rad]
@@ -43,7 +43,7 @@ class Margins:
 CLEAR = Margins(3.0, 20.0, 4.0)      # of a hypothesis without a rival worth the name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Verdict:
     """Best hypothesis and best rival (or None) with their probabilities, the verdict, and why."""
 
@@ -103,8 +103,10 @@ def judge(poses: Array, evidence: list[Evidence], best: int, bent: Mapping[int, 
     word = 'refused' if chance < confidence else 'accepted'
     if chance < confidence <= alone:
         word = 'ambiguous'
-    return Verdict(best, rival, chance, min(back, 1.0 - chance), chance >= confidence,
-                   _reason(word, bent[best], poses, best, rival, margins.margin), margins)
+    return Verdict(best=best, rival=rival, probability=chance,
+                   rival_probability=min(back, 1.0 - chance), accepted=chance >= confidence,
+                   reason=_reason(word, bent[best], poses, best, rival, margins.margin),
+                   margins=margins)
 
 
 def margins_over(bent: Evidence, rigid: Evidence, rivals: list[Evidence],
@@ -147,9 +149,10 @@ def measures(item: Evidence, margins: Margins) -> dict[str, float]:
 def judge_by_V(evidence: Evidence, threshold: float) -> Verdict:
     """Accept the only hypothesis if V of (12) reaches the threshold, as published."""
     accepted = evidence.V >= threshold
-    return Verdict(0, None, evidence.V, 0.0, accepted,
-                   f'{"accepted" if accepted else "refused"}: V is {100 * evidence.V:.1f} %, '
-                   f'threshold {100 * threshold:.0f} %')
+    return Verdict(best=0, rival=None, probability=evidence.V, rival_probability=0.0,
+                   accepted=accepted,
+                   reason=f'{"accepted" if accepted else "refused"}: V is '
+                   f'{100 * evidence.V:.1f} %, threshold {100 * threshold:.0f} %')
 
 
 def _logit(share: float) -> float:

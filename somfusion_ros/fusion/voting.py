@@ -4,8 +4,8 @@
 Seeds for the local translation search: all pairs of clusters vote at once.
 
 Algorithm 2 is local, so it gets seeds. Every cluster is drawn on a coarse grid as a complex
-number, its norm on doubled angles. The correlation of two such grids adds up cos(2 * angle
-between norms) over the pairs of clusters that a shift brings together: parallel walls vote for
+number, its normal on doubled angles. The correlation of two such grids adds up cos(2 * angle
+between normals) over the pairs of clusters that a shift brings together: parallel walls vote for
 it, crossing walls against it. Whitening, as in phase correlation, keeps long walls and dense
 clutter from drowning what is rare; without it the right shift ranks tens of places lower where
 the maps share little.
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from somfusion_ros.fusion.features import Clusters
+from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.geometry import Array, rotation
 
 SMOOTH = 1.0      # width of a vote [bins]
@@ -34,7 +34,7 @@ class VoteGrid:
         extent = side + 2.0 * reach     # of all places of the source that touch the target
         self.bin = max(bin_size, extent / max_bins)
         self.size = fft.next_fast_len(int(np.ceil(extent / self.bin)) + 2)
-        self.target = self._draw(target, target.centres - self.centre_target, target.norms)
+        self.target = self._draw(target, target.centres - self.centre_target, target.normals)
         wave = fft.fftfreq(self.size)
         blur = np.exp(-2.0 * (np.pi * SMOOTH * wave) ** 2).astype(np.float32)
         self.target *= (blur[:, None] * blur / self.size ** 2).astype(np.float32)
@@ -52,7 +52,7 @@ class VoteGrid:
         """
         R = rotation(theta)
         spectrum = self._draw(self.source, (self.source.centres - self.centre_source) @ R.T,
-                              self.source.norms @ R.T)
+                              self.source.normals @ R.T)
         found = []
         for quarter in range(QUARTERS):
             if quarter:
@@ -76,9 +76,9 @@ class VoteGrid:
         shift = np.column_stack(np.divmod(best, self.size)[::-1])
         return np.where(shift > self.size // 2, shift - self.size, shift)
 
-    def _draw(self, clusters: Clusters, places: Array, norms: Array) -> NDArray[np.complex64]:
+    def _draw(self, clusters: Clusters, places: Array, normals: Array) -> NDArray[np.complex64]:
         """Whitened transform of clusters drawn at places (K, 2) [m] around the grid's origin."""
-        value = clusters.weights * clusters.straight * (norms[:, 0] + 1j * norms[:, 1]) ** 2
+        value = clusters.weights * clusters.straight * (normals[:, 0] + 1j * normals[:, 1]) ** 2
         low = np.floor(places / self.bin).astype(np.intp)
         part = places / self.bin - low
         flat, drawn = [], []

@@ -8,8 +8,9 @@ import shutil
 
 import numpy as np
 from numpy.typing import NDArray
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.bags.writer import BagWriter, quaternion
@@ -127,6 +128,7 @@ def _write_team(bag: ResultBag, histories: Mapping[str, History], shifts: Mappin
                 config: FusionConfig) -> None:
     """Write the global map and the robots' places in it, as they came to be known."""
     times = sorted({t + shifts[name] for name, h in histories.items() for t, _, _ in h.maps})
+    cache = FusionCache()
     with progress_bar('global maps', len(times), 'map') as bar:
         for time in times:
             bar.update()
@@ -135,7 +137,7 @@ def _write_team(bag: ResultBag, histories: Mapping[str, History], shifts: Mappin
                      if grid is not None and grid.occupied.any()}
             if not grids:
                 continue
-            fusion = fuse(grids, config, traced=False)
+            fusion = fuse(grids, config, traced=False, cache=cache)
             bag.recorded = time
             for name, pose in fusion.world.items():
                 bag.placed(time, 'world', f'{name}/map', pose)

@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of single maps: the map, its segments, its clusters with norms, its Radon image."""
+"""Figures of single maps: the map, its segments, its clusters with normals, its Radon image."""
 
 from collections.abc import Sequence
 
@@ -71,7 +71,7 @@ def draw_segments(axes: Axes, data: PairData, side: int) -> None:
 
 
 def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
-    """Draw the neurons of the SOM and their point norms (Fig. 4), of a large map a detail."""
+    """Draw the neurons of the SOM and their point normals (Fig. 4), of a large map a detail."""
     found = _map_trace(data, side)
     show(axes, picture(data, side, PALE), '')
     detail = len(found.clusters) > READABLE
@@ -79,12 +79,12 @@ def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
         x, y = detail_centre(found.clusters)
         axes.set_xlim(x - DETAIL, x + DETAIL)
         axes.set_ylim(y - DETAIL, y + DETAIL)
-    known = np.hypot(*found.norms.T) > 0.5 if len(found.norms) else np.zeros(0, bool)
+    known = np.hypot(*found.normals.T) > 0.5 if len(found.normals) else np.zeros(0, bool)
     axes.plot(found.clusters[~known, 0], found.clusters[~known, 1], '.', color='#7A828A',
               markersize=2)
-    at, norms = found.clusters[known], found.norms[known]
+    at, normals = found.clusters[known], found.normals[known]
     length = 0.035 * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
-    axes.quiver(at[:, 0], at[:, 1], norms[:, 0], norms[:, 1], color=COLOURS[side],
+    axes.quiver(at[:, 0], at[:, 1], normals[:, 0], normals[:, 1], color=COLOURS[side],
                 angles='xy', scale_units='xy', scale=1.0 / length, width=0.0024, headwidth=4,
                 zorder=2)
     axes.plot(at[:, 0], at[:, 1], '.', color='black', markersize=1.5, zorder=3)

@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a pair: norm histograms, correlation, J, both maps in one frame, the verdict."""
+"""Figures of a pair: normal histograms, correlation, J, both maps in one frame, the verdict."""
 
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -13,17 +13,17 @@ from somfusion_ros.report.map_figures import legend, PALE, show
 
 
 def draw_histograms(axes: Axes, data: PairData) -> None:
-    """Draw the histograms of surface norms of both maps."""
+    """Draw the histograms of surface normals of both maps."""
     degrees = np.arange(360)
     for side, found in enumerate((data.trace.target, data.trace.source)):
         heights = np.asarray(found.histogram, dtype=float)
         heights = 100.0 * heights / max(heights.sum(), 1e-12)
         axes.fill_between(degrees, heights, color=COLOURS[side], alpha=0.35, linewidth=0)
         axes.plot(degrees, heights, color=COLOURS[side], linewidth=1.0)
-    axes.set_title('Histograms of surface norms')
+    axes.set_title('Histograms of surface normals')
     axes.set_ylabel('share of wall [%]')
     legend(axes, [(data.target, COLOURS[0]), (data.source, COLOURS[1])])
-    _degrees(axes, 'direction of norm [deg]')
+    _degrees(axes, 'direction of normal [deg]')
 
 
 def draw_correlation(axes: Axes, data: PairData) -> None:

@@ -11,6 +11,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Array
 from somfusion_ros.io.console import progress_bar, say
@@ -65,11 +66,11 @@ def report(folder: str | Path) -> Path:
     record = read_result(folder)
     config = make(FusionConfig, record.get('fusion_config', {}))
     grids = {name: read_evidence(folder / name) for name in record['robots']}
-    traces = {}
+    traces, cache = {}, FusionCache()
     with progress_bar('aligning', len(record['pairs']), 'pair') as bar:
         for pair in record['pairs']:
             names = pair['target'], pair['source']
-            traces[names] = trace(*(grids[name] for name in names), config)
+            traces[names] = trace(*(grids[name] for name in names), config, cache)
             bar.update()
     path = draw_report(folder, traces)
     say(f'report: {path}')

@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-from somfusion_ros.fusion.alignment import align, Alignment, learn, Trace, trace
+from somfusion_ros.fusion.alignment import align, Alignment, Trace, trace
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.measures import measure
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
@@ -43,7 +45,8 @@ class Fusion:
 
 
 def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: bool = True,
-         on_pair: Callable[[], object] = lambda: None) -> Fusion:
+         on_pair: Callable[[], object] = lambda: None,
+         cache: FusionCache | None = None) -> Fusion:
     """
     Align every pair of maps, solve the team's graph, and sum the maps of its largest group.
 
@@ -53,39 +56,40 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
     config : parameters of the merge
     traced : keep the intermediate products of every pair, for the report
     on_pair : called after every pair
+    cache : what was learned of the maps before
     """
-    pairs = []
+    pairs, cache = [], cache or FusionCache()
     names = sorted(grids, key=list(grids).index)
     for target, source in combinations(names, 2):
-        pairs.append(_align(grids, target, source, config, traced))
+        pairs.append(_align(grids, target, source, config, traced, cache))
         on_pair()
     edges = [Edge(p.target, p.source, p.alignment.T_target_source, p.alignment.covariance,
                   p.alignment.probability) for p in pairs if p.alignment.accepted]
     solution = solve(names, edges)
     world = dict(solution.groups[0])
     return Fusion(pairs, solution, world, [n for n in names if n not in world],
-                  merge_grids(grids, world), _whole_index(grids, world, config))
+                  merge_grids(grids, world), _whole_index(grids, world, config, cache))
 
 
 def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,
-           traced: bool) -> Pair:
+           traced: bool, cache: FusionCache) -> Pair:
     """Align one pair."""
     maps = grids[target], grids[source]
-    alignment = align(*maps, config)
+    alignment = align(*maps, config, cache=cache)
     if not traced:
         return Pair(target, source, alignment)
-    found = trace(*maps, config)
+    found = trace(*maps, config, cache)
     return Pair(target, source, alignment, replace(found, alignment=alignment))
 
 
 def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose],
-                 config: FusionConfig | None) -> float | None:
+                 config: FusionConfig | None, cache: FusionCache) -> float | None:
     """V [%] (12) of all pairs in the world, each weighed by the area in which they overlap."""
     total = area = 0.0
     for a, b in combinations(sorted(world), 2):
-        maps = learn(grids[a], config), learn(grids[b], config)
+        maps = [learn(grids[name], config, cache) for name in (a, b)]
         if all(len(one.features) for one in maps):
-            evidence, = measure(between(world[a], world[b])[None], *maps)
+            evidence, = measure(between(world[a], world[b])[None], maps[0], maps[1])
             shared = evidence.overlap * min(
                 grid.known.sum() * grid.resolution ** 2 for grid in (grids[a], grids[b]))
             total, area = total + shared * evidence.V, area + shared

@@ -5,9 +5,10 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from somfusion_ros.fusion.cache import FusionCache
+from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.features import Clusters
-from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.grid import Grid
 from somfusion_ros.team.pair_history import missing_walls
 from somfusion_ros.team.screening import screen
@@ -28,9 +29,10 @@ class _Peer:
 class Scouting:
     """Compares the robot's own map with the clusters of peers that are not wanted yet."""
 
-    def __init__(self, minimum_change: float) -> None:
+    def __init__(self, minimum_change: float, cache: FusionCache | None = None) -> None:
         self.likely: set[str] = set()
         self._minimum_change = minimum_change
+        self._cache = cache or FusionCache()
         self._peers: dict[str, _Peer] = {}
 
     @property
@@ -56,7 +58,7 @@ class Scouting:
             known.at = now
             if known.fresh or self._changed(known.own, own):
                 known.fresh, known.own = False, own
-                if screen(learn(own, config), known.clusters, config).likely:
+                if screen(learn(own, config, self._cache), known.clusters, config).likely:
                     self.likely.add(peer)
                 return peer
         return None

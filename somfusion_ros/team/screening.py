@@ -12,13 +12,15 @@ pair that the verdict accepts; where it errs, a map is sent for nothing (benchma
 from dataclasses import dataclass
 
 import numpy as np
-from somfusion_ros.fusion import orientation, rasters
-from somfusion_ros.fusion.alignment import Clock, FEWEST, search
+from somfusion_ros.fusion.alignment import ALIGNMENT
+from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.features import Clusters, Map, place, Raster
-from somfusion_ros.fusion.learned_map import CELL, NORMED, RADON, REACH, SKETCH
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.learning import LEARNING, recall
 from somfusion_ros.fusion.measures import tally
-from somfusion_ros.geometry import Pose
+from somfusion_ros.fusion.search import search
+from somfusion_ros.fusion.stopwatch import Stopwatch
+from somfusion_ros.geometry import place
 
 BUDGET = 640          # clusters that a robot tells of its map: 19 kB
 MARGIN = 1.25         # a match is likely if the best pose is so many times better than the next,
@@ -40,7 +42,7 @@ class Screening:
         return self.matched >= LEAST and (self.margin >= MARGIN or self.ratio >= RATIO)
 
 
-def outline(learned: Map, budget: int = BUDGET) -> Clusters:
+def outline(learned: LearnedMap, budget: int = BUDGET) -> Clusters:
     """Clusters that stand for a map: all, or an even choice where they are more than a budget."""
     clusters = learned.clusters
     if len(clusters) <= budget:
@@ -48,11 +50,13 @@ def outline(learned: Map, budget: int = BUDGET) -> Clusters:
     return clusters.take(np.linspace(0, len(clusters) - 1, budget).astype(np.intp))
 
 
-def screen(own: Map, clusters: Clusters, config: FusionConfig | None = None) -> Screening:
+def screen(own: LearnedMap, clusters: Clusters, config: FusionConfig | None = None) -> Screening:
     """Compare the robot's own map with a peer's clusters."""
-    if min(len(own.features), np.count_nonzero(clusters.straight > NORMED)) < FEWEST:
+    oriented = np.count_nonzero(clusters.straight > LEARNING.oriented)
+    if min(len(own.features), oriented) < ALIGNMENT.fewest_features:
         return Screening()
-    poses, _ = search(own, _map_of(clusters, own.resolution), config or FusionConfig(), Clock())
+    poses, _ = search(own, recall(clusters, own.resolution), config or FusionConfig(),
+                      Stopwatch())
     matched, against = tally(own.zones.at(place(poses, clusters.centres)), clusters)
     ratio = matched / (matched + against + 1.0)
     score = ratio * np.sqrt(matched)
@@ -60,18 +64,3 @@ def screen(own: Map, clusters: Clusters, config: FusionConfig | None = None) -> 
     best, next_score = order[0], score[order[1]] if len(order) > 1 else 0.0
     return Screening(float(ratio[best]), float(matched[best]),
                      float(score[best] / max(next_score, 1e-3)))
-
-
-def _map_of(clusters: Clusters, resolution: float) -> Map:
-    """Make as much of a map as clusters tell: nothing is known to be free."""
-    features = clusters.take(np.flatnonzero(clusters.straight > NORMED))
-    order = np.argsort(-features.weights * features.straight, kind='stable')
-    sketch = features.take(order[::max(1, len(order) // SKETCH)])
-    walls = features.take(order[:RADON])
-    surfaces = features.norms, features.weights, features.sided
-    image = orientation.radon(walls.centres, walls.weights, orientation.directions(), CELL)
-    dark = Raster(np.zeros((1, 1), np.uint8), 1.0, Pose(), 0)
-    return Map(clusters.centres, clusters.segments, np.arange(len(clusters)), clusters, surfaces,
-               features, sketch, dark, rasters.nearby(features.centres, 2.0 * CELL, REACH), dark,
-               np.empty((0, 2)), 0.0, np.empty((0, 2)),
-               orientation.histogram(*surfaces), orientation.spectrum(image), resolution)

@@ -12,9 +12,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from somfusion_ros.fusion.alignment import align, Alignment
+from somfusion_ros.fusion.cache import FusionCache
+from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.features import Clusters, Map
-from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.team.config import TeamConfig
@@ -68,11 +70,12 @@ class FusionSession:
                  say: Callable[[str], object]) -> None:
         known = {robot: Pose(*pose) for robot, pose in config.known_poses().items()}
         self.fusion = fusion
+        self._cache = FusionCache()
         self.snapshot = Snapshot()
         self._name, self._config, self._say = name, config, say
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else None)
         self._keeping = Keeping(self._team)
-        self._scouting = Scouting(config.minimum_change)
+        self._scouting = Scouting(config.minimum_change, self._cache)
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
         self._dropped: set[tuple[tuple[str, str], str]] = set()
@@ -87,9 +90,13 @@ class FusionSession:
         own = self._team.maps.get(self._name)
         return own and own.grid
 
-    def placed_peers(self) -> list[tuple[Map, Pose]]:
+    def learned_own(self) -> LearnedMap:
+        """Return what was learned of the robot's own newest map, which it has."""
+        return learn(self.own_grid, self.fusion, self._cache)
+
+    def placed_peers(self) -> list[tuple[LearnedMap, Pose]]:
         """Give what was learned of the maps of accepted peers, each with T_own_peer."""
-        return [(learn(self._team.maps[peer].grid, self.fusion), pose)
+        return [(learn(self._team.maps[peer].grid, self.fusion, self._cache), pose)
                 for peer, pose in self._team.own_transforms().items() if peer in self._team.maps]
 
     def take_map(self, robot: str, shared: SharedMap, now: float = 0.0) -> bool:
@@ -136,7 +143,7 @@ class FusionSession:
         if peer is None:
             return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
         target, source = self._team.grids_of(peer)
-        verdict = align(target, source, self.fusion)
+        verdict = align(target, source, self.fusion, cache=self._cache)
         self._words[peer] = self._team.record(peer, verdict, target, source, now)
         self._count_jump(peer, self._team.own_transforms().get(peer))
         self._say(f'{self._name} and {peer}: {self._words[peer]}; {verdict.reason}')

@@ -19,7 +19,7 @@ from builtin_interfaces.msg import Time  # noqa: E402, I100
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
-from somfusion_ros.fusion.learned_map import learn  # noqa: E402
+from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.ros.apps.player import open_bag, read_records  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
@@ -100,9 +100,9 @@ def test_clusters_and_markers_show_what_was_learned() -> None:
     array = team_markers(learned, 'map', Time())
     again = deserialize_message(serialize_message(array), type(array))
     by_name = {m.ns: m for m in again.markers}
-    assert set(by_name) == {'segments', 'surfaces', 'norms', 'matches'}
+    assert set(by_name) == {'segments', 'surfaces', 'normals', 'matches'}
     assert len(by_name['segments'].points) == len(by_name['segments'].colors)
-    assert len(by_name['norms'].points) == 2 * len(rows)
+    assert len(by_name['normals'].points) == 2 * len(rows)
 
 
 def session(said: list[str]) -> FusionSession:

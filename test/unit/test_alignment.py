@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.fusion.alignment import align, Alignment, trace
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import between, compose, inverse, Pose
 from somfusion_ros.grid import Grid
 
@@ -183,10 +184,11 @@ def test_an_unknown_method_is_wrong_use() -> None:
 
 def test_nothing_is_learned_twice() -> None:
     """The same Grid object keeps its clusters; another config learns anew."""
-    grid = fake_grid(fake_room())
-    first = learn(grid)
-    assert learn(grid) is first
-    assert len(learn(grid, FusionConfig(cluster_spacing=0.8)).features) < len(first.features)
+    grid, cache = fake_grid(fake_room()), FusionCache()
+    first = learn(grid, cache=cache)
+    assert learn(grid, cache=cache) is first
+    wider = learn(grid, FusionConfig(cluster_spacing=0.8), cache)
+    assert len(wider.features) < len(first.features)
 
 
 def test_trace_shows_what_was_learned() -> None:
@@ -197,7 +199,7 @@ def test_trace_shows_what_was_learned() -> None:
     assert shown.correlation.shape == (360,)
     for part, grid in ((shown.target, a), (shown.source, b)):
         assert sum(map(len, part.segments)) == len(part.cells) == grid.occupied.sum()
-        assert part.clusters.shape == part.norms.shape and part.histogram.shape == (360,)
+        assert part.clusters.shape == part.normals.shape and part.histogram.shape == (360,)
         assert part.radon.shape[0] == len(part.radon_directions) == len(part.radon_sharpness)
     assert shown.alignment.performance_index[-1] <= shown.alignment.performance_index[0]
 

@@ -12,25 +12,28 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.fusion import measures, rasters
-from somfusion_ros.fusion.features import Map, Raster
-from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.measures import Evidence, measure
+from somfusion_ros.fusion.rasters import Raster
 from somfusion_ros.fusion.verdict import judge, judge_by_V, Margins, probability, rivals, slides
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
 
-GOOD = Evidence(60.0, 1.0, 50.0, 2.0, 0.6, 10.0, 0.5, 0.99, np.array([1.0, 0.0]))
-BAD = Evidence(20.0, 19.0, 10.0, 15.0, 0.3, 1.0, 4.0, 0.95, np.array([1.0, 0.0]))
+GOOD = Evidence(matched=60.0, against=1.0, fine=50.0, fine_against=2.0, overlap=0.6, weak=10.0,
+                weak_against=0.5, V=0.99, axis=np.array([1.0, 0.0]))
+BAD = Evidence(matched=20.0, against=19.0, fine=10.0, fine_against=15.0, overlap=0.3, weak=1.0,
+               weak_against=4.0, V=0.95, axis=np.array([1.0, 0.0]))
 
 
 @cache
-def room(x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> Map:
+def room(x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> LearnedMap:
     """Learn the room as seen from a frame in which its corner lies at (x, y, theta)."""
     return learn(fake_grid(fake_room(), 0.05, Pose(x, y, theta)))
 
 
 @cache
-def corridor() -> Map:
+def corridor() -> LearnedMap:
     """Two parallel walls without ends."""
     image = np.zeros((60, 400), np.float32)
     image[10:50] = 1.0
@@ -183,8 +186,8 @@ def test_slides_run_along_the_weak_direction() -> None:
 def test_a_map_is_not_refused_for_its_size(times: int) -> None:
     """The same shares of walls, on maps of up to 25 km of wall: as probable as on a small one."""
     clear = Margins(3.0, 20.0, 4.0)
-    large = Evidence(*(times * value for value in (60.0, 2.0, 50.0, 5.0)), 0.6, 10.0, 0.5, 0.97,
-                     GOOD.axis)
+    large = replace(GOOD, matched=times * 60.0, against=times * 2.0, fine=times * 50.0,
+                    fine_against=times * 5.0, V=0.97)
     assert probability(large, clear) > 0.98
     torn = replace(large, against=large.matched, fine_against=large.fine)
     assert probability(torn, clear) < 0.05

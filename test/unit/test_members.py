@@ -28,8 +28,9 @@ def copy_of(grid: Grid) -> Grid:
 
 def verdict(pose: Pose | None, probability: float = 0.97, rival: float = 0.1) -> Alignment:
     """Make an alignment that is accepted at 0.95, with a rival somewhere else."""
-    return Alignment(probability >= 0.95, probability, f'probability {probability}', pose,
-                     np.diag([0.01, 0.01, 1e-4]), runner_up=RunnerUp(Pose(), rival))
+    return Alignment(accepted=probability >= 0.95, probability=probability,
+                     reason=f'probability {probability}', T_target_source=pose,
+                     covariance=np.diag([0.01, 0.01, 1e-4]), runner_up=RunnerUp(Pose(), rival))
 
 
 def told(pair: Pair, *verdicts: Alignment) -> list[str]:
@@ -69,7 +70,8 @@ def test_small_changes_count_after_a_while() -> None:
     pair.record(verdict(None, 0.0), ROOM, slightly, 100.0)
     assert not pair.due(ROOM, ROOM, 101.0, 0.5)
     assert pair.due(ROOM, ROOM, 101.0 + SOON, 0.5)
-    slow = Alignment(False, 0.0, 'refused', seconds={'all': 2.0 * SOON})
+    slow = Alignment(accepted=False, probability=0.0, reason='refused',
+                     seconds={'all': 2.0 * SOON})
     pair.record(slow, ROOM, slightly, 200.0)
     assert not pair.due(ROOM, ROOM, 201.0 + SOON, 0.5)
     assert pair.due(ROOM, ROOM, 201.0 + 2.0 * SOON * TIME_SHARE, 0.5)

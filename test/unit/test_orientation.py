@@ -11,16 +11,16 @@ from somfusion_ros.geometry import rotation, wrap
 
 
 def blob(seed: int) -> np.ndarray:
-    """Norms (N, 2) around three directions that no turn repeats."""
+    """Draw normals (N, 2) around three directions that no turn repeats."""
     rng = np.random.default_rng(seed)
     angles = np.concatenate([rng.normal(mean, 0.03, count)
                              for mean, count in ((0.3, 60), (1.6, 40), (3.9, 25))])
     return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def counted(norms: np.ndarray, sided: float = 1.0) -> np.ndarray:
+def counted(normals: np.ndarray, sided: float = 1.0) -> np.ndarray:
     """Histogram with equal weights."""
-    return orientation.histogram(norms, np.ones(len(norms)), np.full(len(norms), sided))
+    return orientation.histogram(normals, np.ones(len(normals)), np.full(len(normals), sided))
 
 
 def walls(theta: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -33,15 +33,15 @@ def walls(theta: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_histogram_counts_everything_once() -> None:
-    """The sum is the sum of the weights, and the peak lies at the norms' direction."""
-    norms = np.tile([[np.cos(0.5), np.sin(0.5)]], (10, 1))
-    counts = counted(norms)
+    """The sum is the sum of the weights, and the peak lies at the normals' direction."""
+    normals = np.tile([[np.cos(0.5), np.sin(0.5)]], (10, 1))
+    counts = counted(normals)
     assert counts.shape == (360,) and counts.sum() == pytest.approx(10.0)
     assert abs(counts.argmax() - np.degrees(0.5)) <= 1.0
 
 
-def test_unsure_norms_count_on_both_sides() -> None:
-    """Without a free side a norm is worth half at its angle and half at the opposite."""
+def test_unsure_normals_count_on_both_sides() -> None:
+    """Without a free side a normal is worth half at its angle and half at the opposite."""
     counts = counted(np.array([[1.0, 0.0]]), sided=0.0)
     assert counts[0] == pytest.approx(counts[180])
 
@@ -49,7 +49,7 @@ def test_unsure_norms_count_on_both_sides() -> None:
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-3.14, 3.14), st.integers(0, 100))
 def test_correlation_finds_the_turn(theta: float, seed: int) -> None:
-    """The best peak is the turn between two maps of the same norms, within one degree."""
+    """The best peak is the turn between two maps of the same normals, within one degree."""
     source = blob(seed)
     found = orientation.peaks(orientation.correlate(counted(source @ rotation(theta).T),
                                                     counted(source)), 1)
@@ -101,7 +101,7 @@ def test_families_merge_four_fold_companions() -> None:
     assert np.degrees(found) == pytest.approx([10.0, 40.0])
 
 
-def test_no_norms_at_all() -> None:
+def test_no_normals_at_all() -> None:
     """Nothing to count still gives curves without NaN."""
     none = counted(np.empty((0, 2)))
     curve = orientation.correlate(none, none)

@@ -7,7 +7,7 @@ import csv
 from helpers import cut_grid, fake_grid, fake_room, furnished_room, need_data
 import numpy as np
 import pytest
-from somfusion_ros.fusion.learned_map import learn
+from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.team.screening import BUDGET, outline, screen, Screening

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from somfusion_ros.fusion import segmentation, som
 from somfusion_ros.fusion.alignment import align
-from somfusion_ros.fusion.learned_map import learn
-from somfusion_ros.fusion.segment_cache import SegmentMemory
+from somfusion_ros.fusion.cache import FusionCache
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.fusion.segment_cache import SegmentCache
 from somfusion_ros.grid import Grid
 
 SPACING = 0.4
@@ -33,7 +34,7 @@ def same(a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]) -> bool:
 
 def test_only_changed_segments_are_learned_again() -> None:
     """One of five boxes changes: its cells alone are presented, the result is that of all."""
-    memory, (points, times, segments) = SegmentMemory(), boxes(0, 5)
+    memory, (points, times, segments) = SegmentCache(), boxes(0, 5)
     assert same(memory.train(points, times, segments, SPACING),
                 som.train(points, times, segments, SPACING))
     assert memory.learned_cells == len(points)
@@ -46,7 +47,7 @@ def test_only_changed_segments_are_learned_again() -> None:
 
 def test_a_map_may_grow_around_what_is_known() -> None:
     """A new segment before the others gives them other numbers, and no more work."""
-    memory, (points, times, segments) = SegmentMemory(), boxes(1, 4)
+    memory, (points, times, segments) = SegmentCache(), boxes(1, 4)
     later = segments > 0
     memory.train(points[later], times[later], segments[later] - 1, SPACING)
     assert same(memory.train(points, times, segments, SPACING),
@@ -57,7 +58,7 @@ def test_a_map_may_grow_around_what_is_known() -> None:
 @pytest.mark.parametrize('spacing', [0.2, 0.8])
 def test_another_spacing_is_another_thing(spacing: float) -> None:
     """Clusters are remembered with the spacing they were learned for."""
-    memory, box = SegmentMemory(), boxes(2, 2)
+    memory, box = SegmentCache(), boxes(2, 2)
     memory.train(*box, SPACING)
     assert same(memory.train(*box, spacing), som.train(*box, spacing))
 
@@ -65,7 +66,8 @@ def test_another_spacing_is_another_thing(spacing: float) -> None:
 def test_unchanged_maps_cost_nothing() -> None:
     """The same two Grid objects give the very same verdict; a copy gives an equal one."""
     a, b = fake_grid(fake_room()), fake_grid(fake_room(), 0.05, (0.5, 0.2, 1.0))
-    first = align(a, b)
-    assert align(a, b) is first and learn(a) is learn(a)
+    cache = FusionCache()
+    first = align(a, b, cache=cache)
+    assert align(a, b, cache=cache) is first and learn(a, cache=cache) is learn(a, cache=cache)
     again = align(Grid(a.evidence, a.resolution, a.T_frame_grid), b)
     assert again is not first and again.T_target_source == first.T_target_source

@@ -6,8 +6,9 @@ import cv2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from published_segmentation import grow
 import pytest
-from somfusion_ros.fusion.segmentation import grow, segment
+from somfusion_ros.fusion.segmentation import segment
 
 SHAPE = (40, 50)
 

@@ -10,16 +10,19 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.fusion import deformation, rasters, refinement, translation, voting
-from somfusion_ros.fusion.features import Map, match, place, Warp
-from somfusion_ros.fusion.learned_map import learn
-from somfusion_ros.geometry import apply, compose, inverse, Pose, rotation
+from somfusion_ros.fusion.cluster_matching import match
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.fusion.warp import Warp
+from somfusion_ros.geometry import apply, compose, inverse, place, Pose, rotation
 from somfusion_ros.grid import Grid
 
 QUARTER = np.pi / 2
 
 
 @cache
-def learned(x: float = 0.0, y: float = 0.0, theta: float = 0.0, resolution: float = 0.05) -> Map:
+def learned(x: float = 0.0, y: float = 0.0, theta: float = 0.0,
+            resolution: float = 0.05) -> LearnedMap:
     """Learn the room as seen from a frame in which its corner lies at (x, y, theta)."""
     return learn(fake_grid(fake_room(), resolution, Pose(x, y, theta)))
 
@@ -44,9 +47,9 @@ def test_quarter_turns_of_the_spectrum_are_turns_of_the_clusters() -> None:
     votes = voting.VoteGrid(room.features, room.features, 0.5, 512)
     centred = room.features.centres - votes.centre_source
     R = rotation(QUARTER)
-    quick = voting._quarter_turn(votes._draw(room.features, centred, room.features.norms))
-    slow = votes._draw(room.features, centred @ R.T, room.features.norms @ R.T)
-    # Doubled angles: a quarter turn changes the sign of every norm's number.
+    quick = voting._quarter_turn(votes._draw(room.features, centred, room.features.normals))
+    slow = votes._draw(room.features, centred @ R.T, room.features.normals @ R.T)
+    # Doubled angles: a quarter turn changes the sign of every normal's number.
     alike = np.vdot(quick, -slow) / np.linalg.norm(quick) / np.linalg.norm(slow)
     assert alike.real > 0.999
 
@@ -68,7 +71,7 @@ def test_placing_is_the_pose_of_geometry() -> None:
         assert placed == pytest.approx(apply(pose, points), abs=1e-5)
 
 
-def test_matches_need_place_and_norm() -> None:
+def test_matches_need_place_and_normal() -> None:
     """A room matches itself; turned by 40 degrees nothing matches within 25."""
     room = learned()
     same = match(np.zeros((1, 3)), room.features, room.features, room.nearest, 0.4, 0.5)
@@ -135,7 +138,7 @@ def test_bending_finds_the_bend_and_leaves_the_straight_alone() -> None:
     bow = 0.3 * ((clusters.centres[:, 0] - 4.0) / 4.0) ** 2
     object.__setattr__(bent, 'centres', clusters.centres + np.column_stack([0 * bow, bow]))
     source = type(room)(**{**room.__dict__, 'features': bent})
-    straight = (clusters.norms[:, 1] ** 2 > 0.9) & (clusters.straight > 0.9)
+    straight = (clusters.normals[:, 1] ** 2 > 0.9) & (clusters.straight > 0.9)
     for seen, most in ((source, 0.1), (room, 0.01)):
         warp = deformation.bend(np.zeros(3), room, seen)
         at = place(np.zeros((1, 3)), seen.features.centres)

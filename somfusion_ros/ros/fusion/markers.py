@@ -8,7 +8,8 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 import numpy as np
-from somfusion_ros.fusion.features import Map, match
+from somfusion_ros.fusion.cluster_matching import match
+from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.ros.common.diagnostics import status
 from somfusion_ros.ros.common.peers import CLUSTERS, Heard, MAP_TOPICS
@@ -17,14 +18,14 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 MATCH_ANGLE, MATCH_REACH = np.radians(10.0), 0.4   # [rad], [m] within which clusters match
-NORM_LENGTH = 0.3                  # [m] of a norm's arrow
+NORM_LENGTH = 0.3                  # [m] of a normal's arrow
 GOLDEN_ANGLE = 2.399963            # [rad] between the hues of two segments
 WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 RED = ColorRGBA(r=1.0, g=0.2, b=0.2, a=1.0)
 YELLOW = ColorRGBA(r=1.0, g=0.9, b=0.2, a=1.0)
 
 
-def matched_clusters(own: Map, peer: Map, T_own_peer: Pose) -> Array:
+def matched_clusters(own: LearnedMap, peer: LearnedMap, T_own_peer: Pose) -> Array:
     """Give ends (N, 2, 2) [m] of lines from a peer's clusters to the own ones they match."""
     found = match(np.array(T_own_peer)[None], peer.features, own.features, own.nearest,
                   MATCH_ANGLE, MATCH_REACH)
@@ -32,19 +33,19 @@ def matched_clusters(own: Map, peer: Map, T_own_peer: Pose) -> Array:
     return np.stack([found.at[:, 0, agrees].T, own.features.centres[found.other[0, agrees]]], 1)
 
 
-def team_markers(learned: Map, frame: str, stamp: Time,
+def team_markers(learned: LearnedMap, frame: str, stamp: Time,
                  matches: Array = np.empty((0, 2, 2))) -> MarkerArray:
-    """Segments in colour, surfaces between adjacent clusters, point norms, and matches."""
+    """Segments in colour, surfaces between adjacent clusters, point normals, and matches."""
     header, c = Header(frame_id=frame, stamp=stamp), learned.clusters
     segments = _marker(header, 'segments', Marker.POINTS, learned.cells, WHITE)
     segments.colors = [_hue(int(s)) for s in learned.segments]
     surfaces = _marker(header, 'surfaces', Marker.LINE_LIST, c.centres[c.edges].reshape(-1, 2),
                        WHITE)
-    tips = c.centres + NORM_LENGTH * c.norms
-    norms = _marker(header, 'norms', Marker.LINE_LIST,
-                    np.stack([c.centres, tips], 1).reshape(-1, 2), YELLOW)
+    tips = c.centres + NORM_LENGTH * c.normals
+    normals = _marker(header, 'normals', Marker.LINE_LIST,
+                      np.stack([c.centres, tips], 1).reshape(-1, 2), YELLOW)
     matched = _marker(header, 'matches', Marker.LINE_LIST, matches.reshape(-1, 2), RED)
-    return MarkerArray(markers=[segments, surfaces, norms, matched])
+    return MarkerArray(markers=[segments, surfaces, normals, matched])
 
 
 def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],

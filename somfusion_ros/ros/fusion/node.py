@@ -18,7 +18,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.learned_map import learn
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.maps import write_map
 from somfusion_ros.node_config import FusionNodeConfig
@@ -114,8 +113,7 @@ class FusionNode(Node):
         """Take all that arrived; tell the peers of the robot's own map where it changed."""
         own = self._intake.drain()
         if own is not None:
-            self._publisher.learned(learn(self._session.own_grid, self._fusion),
-                                    self._session.placed_peers())
+            self._publisher.learned(self._session.learned_own(), self._session.placed_peers())
             self._link.share(own)
 
     def _draw(self, force: bool = False) -> None:

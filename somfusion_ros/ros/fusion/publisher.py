@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, TransformSta
 from nav_msgs.msg import OccupancyGrid
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from somfusion_ros.fusion.features import Map
+from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.geometry import between, compose, compose_jacobians, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.cluster_rows import cluster_rows
@@ -100,7 +100,7 @@ class FusionPublisher:
                 PoseWithCovarianceStamped, f'peer_poses/{robot}', qos.STREAM)
         return self._pose_publishers[robot]
 
-    def learned(self, learned: Map, peers: Iterable[tuple[Map, Pose]]) -> None:
+    def learned(self, learned: LearnedMap, peers: Iterable[tuple[LearnedMap, Pose]]) -> None:
         """
         Publish the clusters of the robot's own map, and markers where somebody looks.
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from somfusion_ros.fusion.features import Clusters
+from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.ros.common.conversions import CLUSTER_FIELDS
 from somfusion_ros.team.departed import Kept
@@ -78,7 +78,7 @@ def bytes_from_message(message: UInt8MultiArray) -> bytes:
 
 
 def clusters_from_message(cloud: PointCloud2) -> Clusters:
-    """Clusters of a cloud; a norm that is there is taken as sure."""
+    """Clusters of a cloud; a normal that is there is taken as sure."""
     names = tuple(field.name for field in cloud.fields)
     step = 4 * len(CLUSTER_FIELDS)
     if names != CLUSTER_FIELDS or cloud.point_step != step or cloud.is_bigendian:
@@ -90,9 +90,10 @@ def clusters_from_message(cloud: PointCloud2) -> Clusters:
         raise ValueError('cloud of clusters is not finite')
     length = np.hypot(rows[:, 3], rows[:, 4])
     sure = (length > 0.5).astype(float)
-    norms = rows[:, 3:5] * (sure / np.maximum(length, 0.5))[:, None]
-    return Clusters(rows[:, :2], np.clip(rows[:, 6], 0.0, 10.0), rows[:, 5].astype(np.intp),
-                    np.empty((0, 2), np.intp), norms, sure, sure)
+    normals = rows[:, 3:5] * (sure / np.maximum(length, 0.5))[:, None]
+    return Clusters(centres=rows[:, :2], weights=np.clip(rows[:, 6], 0.0, 10.0),
+                    segments=rows[:, 5].astype(np.intp), edges=np.empty((0, 2), np.intp),
+                    normals=normals, straight=sure, sided=sure)
 
 
 def _record(edge: Edge) -> dict[str, Any]:
