@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where two placed maps say the same and where they contradict each other (11)."""
+"""Where two placed maps agree and where they contradict each other (11)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,9 @@ def compare(target: Grid, source: Grid, T_target_source: Pose) -> NDArray[np.int
     """
     Compare the source's cells with the target's cells that they fall on.
 
-    Returns (H, W) of the source: AGREE where both are free, or a wall lies within one cell of a
-    wall; CONFLICT where one is free and the other a wall; NEITHER where one is not known.
+    Return (H, W) over the source's cells: AGREE where both are free, or a wall lies within one
+    cell of a wall; CONFLICT where one is free and the other a wall; NEITHER where either is
+    unknown.
     """
     known = source.free | source.occupied
     verdict = np.zeros(source.shape, np.int8)
@@ -34,7 +35,7 @@ def compare(target: Grid, source: Grid, T_target_source: Pose) -> NDArray[np.int
 
 
 def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (H, W) grown by one cell in all eight directions."""
+    """Return a mask (H, W) grown by one cell in all eight directions."""
     padded = np.pad(mask, 1)
     grown = np.zeros_like(mask)
     for i in range(3):

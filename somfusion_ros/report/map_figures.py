@@ -1,30 +1,37 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of single maps: the map, its segments, its clusters with normals, its Radon image."""
+"""Figures of one map: the map, its segments, its clusters with normals, its Radon image."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 import numpy as np
 from somfusion_ros.geometry import Array
-from somfusion_ros.report.figure_data import COLOURS, map_picture, PairData, Picture, WALL
+from somfusion_ros.report.pair_data import PairData
+from somfusion_ros.report.palette import COLOURS, PALE, WALL
+from somfusion_ros.report.pictures import map_picture, Picture
 
-PALE = '#CFD4D9'
+if TYPE_CHECKING:
+    from somfusion_ros.fusion.map_trace import MapTrace
+
 SIDES = ('target', 'source')
-READABLE, DETAIL = 600, 8.0   # clusters that a figure can hold; half the side of a detail [m]
-RADON_STEP = 0.1   # [m] of an offset in the trace's Radon image
+READABLE = 600     # clusters that a figure can hold; of more it shows a detail
+DETAIL = 8.0       # [m] half the side of a detail
+RADON_STEP = 0.1   # [m] between two offsets in the trace's Radon image
 
 
 def show(axes: Axes, picture: Picture, title: str) -> None:
-    """Show a picture of a map with metres along its sides."""
+    """Show a picture of a map, with metres along its sides."""
     image, extent = picture
     axes.imshow(image, extent=extent, origin='lower', interpolation='antialiased')
     metric(axes, title)
 
 
 def metric(axes: Axes, title: str) -> None:
-    """Set up axes in metres."""
+    """Label axes in metres, with one scale for both."""
     axes.set_title(title)
     axes.set_aspect('equal')
     axes.set_xlabel('x [m]')
@@ -32,12 +39,12 @@ def metric(axes: Axes, title: str) -> None:
 
 
 def picture(data: PairData, side: int, colour: str) -> Picture:
-    """Draw a map with walls in a colour, once."""
+    """Return a map's picture with its walls in a colour."""
     return data.picture(f'{side} {colour}', lambda: map_picture(data.grids[side], colour))
 
 
 def legend(axes: Axes, entries: Sequence[tuple[str, str]]) -> None:
-    """Explain colours above a map, where nothing is hidden."""
+    """Explain (name, colour) entries above the axes, where they hide nothing."""
     handles = [Line2D([], [], color=colour, linewidth=3) for _, colour in entries]
     axes.legend(handles, [name for name, _ in entries], loc='lower center', ncols=len(entries),
                 bbox_to_anchor=(0.5, 1.0), borderaxespad=0.1, handlelength=1.0, frameon=False)
@@ -45,12 +52,12 @@ def legend(axes: Axes, entries: Sequence[tuple[str, str]]) -> None:
 
 
 def label(data: PairData, side: int) -> str:
-    """Name a map."""
+    """Return the name of a map and its role."""
     return f'{(data.target, data.source)[side]} ({SIDES[side]})'
 
 
 def draw_map(axes: Axes, data: PairData, side: int) -> None:
-    """Draw a map as it came."""
+    """Draw a map as it was given, with the robot's trajectory."""
     show(axes, picture(data, side, WALL), f'Map of {label(data, side)}')
     path = data.paths[side]
     if len(path):
@@ -71,7 +78,7 @@ def draw_segments(axes: Axes, data: PairData, side: int) -> None:
 
 
 def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
-    """Draw the neurons of the SOM and their point normals (Fig. 4), of a large map a detail."""
+    """Draw the neurons of the SOM and their point normals (Fig. 4); of a large map, a detail."""
     found = _map_trace(data, side)
     show(axes, picture(data, side, PALE), '')
     detail = len(found.clusters) > READABLE
@@ -93,15 +100,16 @@ def draw_clusters(axes: Axes, data: PairData, side: int) -> None:
 
 
 def detail_centre(clusters: Array) -> Array:
-    """Find the cluster (2,) around which a detail shows most of them."""
+    """Find the cluster (2,) [m] around which a detail shows most clusters."""
     near = np.abs(clusters[::5, None] - clusters[None]).max(-1) < DETAIL
-    return clusters[::5][near.sum(1).argmax()]
+    centre: Array = clusters[::5][near.sum(1).argmax()]
+    return centre
 
 
 def draw_radon(axes: Axes, data: PairData, side: int) -> None:
-    """Draw the Radon image (5)-(8), how sharp it is per direction, and the sharpest of them."""
+    """Draw the Radon image (5)-(8), its sharpness per direction, and the sharpest directions."""
     found = _map_trace(data, side)
-    image = np.asarray(found.radon, dtype=float)
+    image = found.radon
     directions = np.degrees(found.radon_directions)
     used = np.flatnonzero(image.any(0))
     low, high = (used[0], used[-1] + 1) if len(used) else (0, image.shape[1])
@@ -109,7 +117,7 @@ def draw_radon(axes: Axes, data: PairData, side: int) -> None:
     extent = (directions[0], directions[-1], -reach, reach)
     axes.imshow(np.sqrt(np.maximum(image[:, low:high].T, 0.0)), aspect='auto', origin='lower',
                 cmap='magma', extent=extent, interpolation='antialiased')
-    sharpness = np.asarray(found.radon_sharpness, dtype=float)
+    sharpness = found.radon_sharpness
     span = max(float(np.ptp(sharpness)), 1e-12)
     axes.plot(directions, (-0.98 + 0.45 * (sharpness - sharpness.min()) / span) * reach,
               color='#56B4E9', linewidth=1.2, label='sharpness')
@@ -123,8 +131,9 @@ def draw_radon(axes: Axes, data: PairData, side: int) -> None:
 
 
 def sharpest(sharpness: Array, count: int = 2, apart: float = 30.0) -> list[int]:
-    """Find the highest values over half a turn, at least `apart` [deg] from another."""
-    rest, found = np.array(sharpness, dtype=float), []
+    """Find the indices of the highest values over half a turn, at least `apart` [deg] apart."""
+    rest = np.array(sharpness, dtype=float)
+    found: list[int] = []
     index = np.arange(len(rest))
     while len(found) < count and np.isfinite(rest).any() and np.nanmax(rest) > 0.0:
         k = int(np.nanargmax(rest))
@@ -134,12 +143,11 @@ def sharpest(sharpness: Array, count: int = 2, apart: float = 30.0) -> list[int]
     return found
 
 
-def _map_trace(data: PairData, side: int) -> object:
+def _map_trace(data: PairData, side: int) -> 'MapTrace':
     """Return what was learned of one map."""
     return (data.trace.target, data.trace.source)[side]
 
 
-def _palette(count: int) -> np.ndarray:
-    """Colours (count, 3) that are far apart in hue."""
-    import matplotlib
-    return matplotlib.colormaps['turbo'](np.linspace(0.03, 0.97, max(count, 1)))[:, :3] * 0.92
+def _palette(count: int) -> Array:
+    """Return colours (count, 3) that are far apart in hue."""
+    return np.asarray(colormaps['turbo'](np.linspace(0.03, 0.97, max(count, 1))))[:, :3] * 0.92

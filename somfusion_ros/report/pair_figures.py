@@ -1,22 +1,23 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a pair: normal histograms, correlation, J, both maps in one frame, the verdict."""
+"""Figures of a pair: histograms of normals, correlation, J, both maps in one frame."""
 
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 from somfusion_ros.geometry import apply, Pose
 from somfusion_ros.report.agreement import compare
-from somfusion_ros.report.figure_data import (AGREEMENT, agreement_picture, BOTH, COLOURS,
-                                              CONFLICT, ONE, overlay_picture, PairData)
-from somfusion_ros.report.map_figures import legend, PALE, show
+from somfusion_ros.report.map_figures import legend, show
+from somfusion_ros.report.pair_data import PairData
+from somfusion_ros.report.palette import AGREEMENT, BOTH, COLOURS, CONFLICT, ONE, PALE
+from somfusion_ros.report.pictures import agreement_picture, overlay_picture
 
 
 def draw_histograms(axes: Axes, data: PairData) -> None:
     """Draw the histograms of surface normals of both maps."""
     degrees = np.arange(360)
     for side, found in enumerate((data.trace.target, data.trace.source)):
-        heights = np.asarray(found.histogram, dtype=float)
+        heights = np.asarray(found.histogram, float)
         heights = 100.0 * heights / max(heights.sum(), 1e-12)
         axes.fill_between(degrees, heights, color=COLOURS[side], alpha=0.35, linewidth=0)
         axes.plot(degrees, heights, color=COLOURS[side], linewidth=1.0)
@@ -31,10 +32,9 @@ def draw_correlation(axes: Axes, data: PairData) -> None:
     correlation = np.asarray(data.trace.correlation, dtype=float)
     axes.plot(np.arange(len(correlation)) * 360.0 / len(correlation), correlation,
               color='#333333', linewidth=1.1)
-    rival = data.trace.alignment.runner_up
     marks = [(name, pose, colour) for name, pose, colour in (
-        ('best', data.pose, COLOURS[2]),
-        ('runner-up', rival and rival.T_target_source, COLOURS[3])) if pose is not None]
+        ('best', data.pose, COLOURS[2]), ('runner-up', data.runner_up, COLOURS[3]))
+        if pose is not None]
     for name, pose, colour in marks:
         axes.axvline(np.degrees(pose.theta) % 360.0, color=colour, linewidth=1.4,
                      linestyle='-' if name == 'best' else '--')
@@ -47,7 +47,7 @@ def draw_correlation(axes: Axes, data: PairData) -> None:
 
 
 def _degrees(axes: Axes, name: str) -> None:
-    """Set up an axis of directions."""
+    """Label the x axis as directions over a full turn."""
     axes.set_xlim(0, 360)
     axes.set_xticks(np.arange(0, 361, 90))
     axes.set_xlabel(name)
@@ -71,14 +71,14 @@ def draw_fused(axes: Axes, data: PairData) -> None:
 
 
 def draw_runner_up(axes: Axes, data: PairData) -> None:
-    """Draw both maps as the best rival would have them."""
+    """Draw both maps at the pose of the best rival."""
     rival = data.trace.alignment.runner_up
-    _overlay(axes, data, rival and rival.T_target_source, 'Runner-up' if rival is None else
+    _overlay(axes, data, data.runner_up, 'Runner-up' if rival is None else
              f'Runner-up, probability {rival.probability:.3f}')
 
 
 def _overlay(axes: Axes, data: PairData, pose: Pose | None, title: str) -> None:
-    """Draw both maps at a pose, or say that there is none."""
+    """Draw both maps at a pose, or write that there is none."""
     if pose is None:
         return _nothing(axes, title, 'no pose found')
     target, source = data.grids
@@ -103,18 +103,18 @@ def draw_paths(axes: Axes, data: PairData) -> None:
 
 
 def draw_agreement(axes: Axes, data: PairData) -> None:
-    """Draw where the maps say the same and where they contradict each other."""
+    """Draw where the maps agree and where they contradict each other."""
     if data.pose is None:
         return _nothing(axes, 'Agreement', 'no pose found')
-    V = data.trace.alignment.verification_index
+    V, (target, source), pose = data.trace.alignment.verification_index, data.grids, data.pose
     show(axes, data.picture('agreement', lambda: agreement_picture(
-        data, compare(*data.grids, data.pose))), f'Agreement, V = {V:.1f} %')
+        target, source, pose, compare(target, source, pose))), f'Agreement, V = {V:.1f} %')
     legend(axes, [('agreement', AGREEMENT), ('conflict', CONFLICT),
                   ('seen by one', ONE)])
 
 
 def _nothing(axes: Axes, title: str, text: str) -> None:
-    """Say that there is nothing to draw."""
+    """Write why there is nothing to draw."""
     axes.set_title(title)
     axes.text(0.5, 0.5, text, ha='center', va='center', transform=axes.transAxes,
               color='#666666')

@@ -5,7 +5,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -20,24 +20,25 @@ from somfusion_ros.io.parameters import make
 from somfusion_ros.io.result import pose_of, read_evidence, read_result
 from somfusion_ros.io.trajectories import read_tum
 from somfusion_ros.report import map_figures, pair_figures
-from somfusion_ros.report.figure_data import PairData
-from somfusion_ros.report.team_figures import Team
+from somfusion_ros.report.pair_data import PairData
+from somfusion_ros.report.team_figures import TeamData
 from somfusion_ros.report.verdict_panel import draw_verdict, verdict_word
 
 if TYPE_CHECKING:
     from somfusion_ros.fusion.alignment import Trace
 
 Panel = Callable[[Axes, PairData], None]
-STYLE = {'font.size': 9, 'axes.titlesize': 10, 'axes.titleweight': 'bold', 'axes.labelsize': 8,
-         'xtick.labelsize': 8, 'ytick.labelsize': 8, 'legend.fontsize': 8,
-         'axes.spines.top': False, 'axes.spines.right': False, 'legend.frameon': True,
-         'legend.framealpha': 0.85, 'legend.edgecolor': 'none', 'figure.dpi': 130}
+STYLE: Any = {   # of matplotlib's rcParams, whose names its type hints list one by one
+    'font.size': 9, 'axes.titlesize': 10, 'axes.titleweight': 'bold', 'axes.labelsize': 8,
+    'xtick.labelsize': 8, 'ytick.labelsize': 8, 'legend.fontsize': 8, 'axes.spines.top': False,
+    'axes.spines.right': False, 'legend.frameon': True, 'legend.framealpha': 0.85,
+    'legend.edgecolor': 'none', 'figure.dpi': 130}
 PANEL = 4.4   # [inch]
 PNG = {'compress_level': 4}
 
 
 def both(draw: Callable[[Axes, PairData, int], None]) -> list[Panel]:
-    """Make the panels of target and source of a figure that shows one map."""
+    """Return the two panels, target's and source's, of a figure that shows one map."""
     return [partial(draw, side=0), partial(draw, side=1)]
 
 
@@ -60,7 +61,7 @@ GLANCE: list[Panel] = [pair_figures.draw_fused, pair_figures.draw_agreement,
 
 
 def report(folder: str | Path) -> Path:
-    """Draw the report of a folder that replay or merge wrote; MapError where it holds none."""
+    """Draw the report of a folder of replay or merge; MapError if it holds no result."""
     from somfusion_ros.fusion.alignment import trace
     folder = Path(folder)
     record = read_result(folder)
@@ -69,8 +70,8 @@ def report(folder: str | Path) -> Path:
     traces, cache = {}, FusionCache()
     with progress_bar('aligning', len(record['pairs']), 'pair') as bar:
         for pair in record['pairs']:
-            names = pair['target'], pair['source']
-            traces[names] = trace(*(grids[name] for name in names), config, cache)
+            target, source = pair['target'], pair['source']
+            traces[target, source] = trace(grids[target], grids[source], config, cache)
             bar.update()
     path = draw_report(folder, traces)
     say(f'report: {path}')
@@ -82,14 +83,15 @@ def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path
     Draw DIR/merge.png, DIR/report.png and DIR/figures/*.png.
 
     merge.png is for a glance: where the maps lie, where they agree and contradict each other, the
-    runner-up, and the verdict. It, the page and the single figures show the most probable pair,
-    and for more than two robots the team's map; every other pair has a page of its own,
-    DIR/figures/<target>_<source>.png.
+    runner-up, and the verdict. merge.png, report.png and the single figures show the most probable
+    pair; report.png also shows the map of a team of three or more. Every other pair has a page of
+    its own, DIR/figures/<target>_<source>.png.
     """
     record = read_result(folder)
     grids = {name: read_evidence(folder / name) for name in record['robots']}
     paths = {name: _path(folder / name) for name in grids}
-    team = Team(grids, {name: pose_of(pose) for name, pose in record['transforms'].items()}, paths)
+    world = {name: pose_of(pose) for name, pose in record['transforms'].items()}
+    team = TeamData(grids, world, paths)
     figures = folder / 'figures'
     figures.mkdir(exist_ok=True)
     ranked = [PairData(a, b, (grids[a], grids[b]), traces[a, b], (paths[a], paths[b]))
@@ -127,7 +129,7 @@ def panels_in_rows(panels: Sequence[Panel], data: PairData, columns: int, width:
     return figure
 
 
-def _page(data: PairData, team: Team) -> Figure:
+def _page(data: PairData, team: TeamData) -> Figure:
     """Draw all panels of a pair on one page, four in a row."""
     figures = FIGURES | ({'trajectories': [lambda axes, _: team.draw(axes)]}
                          if len(team.world) > 2 else {})
@@ -136,13 +138,13 @@ def _page(data: PairData, team: Team) -> Figure:
 
 
 def _title(data: PairData) -> str:
-    """Say the verdict on a pair."""
+    """Return the verdict on a pair in one line."""
     found = data.trace.alignment
     return (f'{data.target} and {data.source}: {verdict_word(found)}, probability '
             f'{found.probability:.3f}, V {found.verification_index:.1f} %')
 
 
-def _team_figure(team: Team) -> Figure:
+def _team_figure(team: TeamData) -> Figure:
     """Draw the team's figure."""
     figure = Figure(figsize=(2.0 * PANEL, 1.6 * PANEL), layout='constrained')
     team.draw(figure.subplots())
@@ -150,7 +152,7 @@ def _team_figure(team: Team) -> Figure:
 
 
 def _path(folder: Path) -> Array:
-    """Trajectory (N, 3) of a robot, empty where there is none."""
+    """Read the trajectory (N, 3) of a robot; empty where there is none."""
     path = folder / 'trajectory.tum'
     if not path.exists():
         return np.zeros((0, 3))

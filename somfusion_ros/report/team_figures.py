@@ -9,13 +9,18 @@ from functools import cached_property
 from matplotlib.axes import Axes
 from somfusion_ros.geometry import apply, Array, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.report.figure_data import BOTH, overlay_picture, Picture, team_colours
 from somfusion_ros.report.map_figures import legend, show
+from somfusion_ros.report.palette import BOTH, team_colours
+from somfusion_ros.report.pictures import overlay_picture, Picture
 
 
 @dataclass(frozen=True, eq=False)
-class Team:
-    """Every robot's map, T_world_map of the connected ones, and trajectories (N, 3)."""
+class TeamData:
+    """
+    What the figure of a team shows, by robot.
+
+    Every map, T_world_map of the connected ones, and the trajectories (N, 3) in their own maps.
+    """
 
     grids: Mapping[str, Grid]
     world: Mapping[str, Pose]
@@ -36,7 +41,7 @@ class Team:
 
     @cached_property
     def _picture(self) -> Picture:
-        """Walls of every connected map in its robot's colour."""
+        """Return the walls of every connected map in its robot's colour."""
         colours = team_colours(list(self.grids))
         return overlay_picture([(self.grids[name], pose, colours[name])
                                 for name, pose in self.world.items()])
@@ -44,5 +49,5 @@ class Team:
 
 def draw_team(axes: Axes, grids: Mapping[str, Grid], world: Mapping[str, Pose],
               paths: Mapping[str, Array]) -> None:
-    """Draw a team once: see `Team`."""
-    Team(grids, world, paths).draw(axes)
+    """Draw a team once: see `TeamData`."""
+    TeamData(grids, world, paths).draw(axes)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from matplotlib.axes import Axes
 import numpy as np
 from somfusion_ros.geometry import Pose
-from somfusion_ros.report.figure_data import AGREEMENT, CONFLICT, PairData
+from somfusion_ros.report.pair_data import PairData
+from somfusion_ros.report.palette import AGREEMENT, CONFLICT
 
 if TYPE_CHECKING:
     from somfusion_ros.fusion.alignment import Alignment
@@ -17,21 +18,21 @@ COLOURS = {'accepted': AGREEMENT, 'ambiguous': '#B8860B', 'refused': CONFLICT}
 
 
 def verdict_word(found: 'Alignment') -> str:
-    """Tell the first word of the reason: accepted, ambiguous or refused."""
+    """Return the first word of the reason: accepted, ambiguous or refused."""
     return found.reason.partition(':')[0]
 
 
 def draw_verdict(axes: Axes, data: PairData) -> None:
-    """Write the verdict with its numbers, the rival beside it, and the time it took."""
+    """Write the verdict with its numbers, its rival's beside them, and the time it took."""
     found = data.trace.alignment
     axes.axis('off')
     axes.set_title('Verdict')
     word = verdict_word(found)
     axes.text(0.0, 0.96, word.upper(), fontsize=15, fontweight='bold', va='top',
               transform=axes.transAxes, color=COLOURS[word])
-    rows = [('probability', f'{found.probability:.3f}', _rival(found, 'probability')),
-            ('x, y [m]', _place(found.T_target_source), _place(_rival_pose(found))),
-            ('theta [deg]', _turn(found.T_target_source), _turn(_rival_pose(found))),
+    rows = [('probability', f'{found.probability:.3f}', _probability(found)),
+            ('x, y [m]', _place(found.T_target_source), _place(data.runner_up)),
+            ('theta [deg]', _turn(found.T_target_source), _turn(data.runner_up)),
             ('V [%]', f'{found.verification_index:.1f}', ''),
             ('overlap', f'{found.overlap:.2f}', ''),
             ('seconds', f'{sum(found.seconds.values()):.2f}', '')]
@@ -44,21 +45,16 @@ def draw_verdict(axes: Axes, data: PairData) -> None:
               transform=axes.transAxes, color='#333333', style='italic')
 
 
-def _rival_pose(found: object) -> Pose | None:
-    """Pose of the best rival."""
-    return None if found.runner_up is None else found.runner_up.T_target_source
-
-
-def _rival(found: object, name: str) -> str:
-    """Write a number of the best rival."""
-    return '-' if found.runner_up is None else f'{getattr(found.runner_up, name):.3f}'
+def _probability(found: 'Alignment') -> str:
+    """Return the probability of the best rival in words."""
+    return '-' if found.runner_up is None else f'{found.runner_up.probability:.3f}'
 
 
 def _place(pose: Pose | None) -> str:
-    """Write where a pose lies."""
+    """Return the position of a pose in words."""
     return '-' if pose is None else f'{pose.x:.2f}, {pose.y:.2f}'
 
 
 def _turn(pose: Pose | None) -> str:
-    """Write the heading of a pose."""
+    """Return the heading of a pose in words."""
     return '-' if pose is None else f'{np.degrees(pose.theta):.1f}'

@@ -12,11 +12,12 @@ from rich.table import Table
 from rich.text import Text
 from somfusion_ros.geometry import apply, compose, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.report.figure_data import overlay_picture, team_colours
 from somfusion_ros.report.map_text import map_text, Mark
+from somfusion_ros.report.palette import team_colours
+from somfusion_ros.report.pictures import overlay_picture
 
 LEVELS = {0: 'green', 1: 'yellow', 2: 'red', 3: 'red'}   # of diagnostic_msgs/DiagnosticStatus
-FRAME = 4      # columns and lines that a panel's frame and title take
+FRAME = 4      # columns and lines that the frame and title of a panel take
 FEWEST = 8     # lines of a map, however small the terminal is
 
 
@@ -30,12 +31,12 @@ class Health:
 
 
 @dataclass
-class Team:
+class HeardTeam:
     """
     What was heard of a team.
 
-    By robot: its map, its pose T_map_base, and T_map_peer of the peers' maps that it accepted;
-    and the health of every node and pair, by the name of the status.
+    By robot: its map, its pose T_map_base, and T_map_peer of the peers that it accepted; and the
+    health of every node and pair, by the name of its status.
     """
 
     grids: dict[str, Grid] = field(default_factory=dict)
@@ -44,7 +45,7 @@ class Team:
     health: dict[str, Health] = field(default_factory=dict)
 
     def groups(self) -> list[dict[str, Pose]]:
-        """Find connected robots with T_world_map; the world is the map of the first by name."""
+        """Return T_world_map of each connected group, in the map of its first robot by name."""
         left, groups = sorted(self.grids), []
         while left:
             group, queue = {left[0]: Pose()}, deque([left[0]])
@@ -59,8 +60,8 @@ class Team:
         return groups
 
 
-def view(team: Team, width: int, height: int) -> Group:
-    """Put together the picture of a team for a terminal of `width` x `height` characters."""
+def view(team: HeardTeam, width: int, height: int) -> Group:
+    """Compose the view of a team for a terminal of `width` x `height` characters."""
     table, groups = health_table(team), team.groups()
     if not groups:
         return Group(Text('no robot has published a map yet'), table)
@@ -71,8 +72,8 @@ def view(team: Team, width: int, height: int) -> Group:
     return Group(maps, table)
 
 
-def map_panel(team: Team, group: Mapping[str, Pose], width: int, height: int) -> Panel:
-    """Draw the maps of connected robots into one, each one's walls in its colour."""
+def map_panel(team: HeardTeam, group: Mapping[str, Pose], width: int, height: int) -> Panel:
+    """Draw the maps of connected robots as one, each robot's walls in its colour."""
     colours = team_colours(sorted(team.grids))
     picture = overlay_picture([(team.grids[r], pose, colours[r]) for r, pose in group.items()])
     marks = [Mark(*apply(pose, [team.poses[robot][:2]])[0], colours[robot])
@@ -82,7 +83,7 @@ def map_panel(team: Team, group: Mapping[str, Pose], width: int, height: int) ->
     return Panel.fit(map_text(picture, width, height, marks), title=title)
 
 
-def health_table(team: Team) -> Table:
+def health_table(team: HeardTeam) -> Table:
     """List every node and pair with its state and the reason for it."""
     table = Table(box=None, padding=(0, 2, 0, 0), expand=True)
     table.add_column('who', no_wrap=True, min_width=max(map(len, team.health), default=3))
@@ -95,6 +96,6 @@ def health_table(team: Team) -> Table:
 
 
 def figures(values: Mapping[str, str]) -> str:
-    """Choose the few numbers that tell most."""
+    """Select the few numbers that say most."""
     chosen = ('scans_per_s', 'views', 'loops_accepted', 'probability', 'overlap', 'V', 'map_age_s')
     return ', '.join(f'{name} {values[name]}' for name in chosen if name in values)

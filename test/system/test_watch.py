@@ -16,20 +16,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 from somfusion_ros.geometry import compose, inverse, Pose
-from somfusion_ros.report.figure_data import team_colours
 from somfusion_ros.report.map_text import LOWER, map_text, MARK, Mark, UPPER
-from somfusion_ros.report.watch_view import Health, Team, view
+from somfusion_ros.report.palette import team_colours
+from somfusion_ros.report.watch_view import Health, HeardTeam, view
 
 WALLS = fake_room()
 FRAMES = {'robot1': Pose(), 'robot2': Pose(3.0, -2.0, 0.6)}
 
 
-def team() -> Team:
+def team() -> HeardTeam:
     """Make a team of two that see the same room."""
-    return Team({robot: fake_grid(WALLS, T_map_walls=pose) for robot, pose in FRAMES.items()})
+    return HeardTeam({robot: fake_grid(WALLS, T_map_walls=pose) for robot, pose in FRAMES.items()})
 
 
-def shown(what: Team, width: int = 100, height: int = 40) -> str:
+def shown(what: HeardTeam, width: int = 100, height: int = 40) -> str:
     """Print a team without colours."""
     console = Console(width=width, height=height, force_terminal=False)
     with console.capture() as captured:
@@ -90,7 +90,7 @@ def test_robots_reasons_and_figures_are_named() -> None:
 
 
 def test_nobody_is_there_yet() -> None:
-    assert 'no robot has published a map yet' in shown(Team())
+    assert 'no robot has published a map yet' in shown(HeardTeam())
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from somfusion_ros.geometry import Pose
 from somfusion_ros.io.result import read_evidence
 from somfusion_ros.io.trajectories import read_tum
-from somfusion_ros.report.figure_data import map_picture
 from somfusion_ros.report.map_figures import show
+from somfusion_ros.report.pictures import map_picture
 from somfusion_ros.report.team_figures import draw_team
 from somfusion_ros.ros.apps.demo_table import Row
 

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rich.console import Console
 from rich.live import Live
 from somfusion_ros.grid import MAX_CELLS
-from somfusion_ros.report.watch_view import Health, Team, view
+from somfusion_ros.report.watch_view import Health, HeardTeam, view
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import qos
 from somfusion_ros.ros.common.peers import find_peers, MAP_TYPE, robot_of
@@ -37,7 +37,7 @@ class WatchNode(Node):
     def __init__(self, options: argparse.Namespace, stop: threading.Event) -> None:
         super().__init__('watch')
         self._options, self._stop = options, stop
-        self._team, self._heard = Team(), set()
+        self._team, self._heard = HeardTeam(), set()
         self._until = time.monotonic() + options.wait
         terminal = sys.stdout.isatty()
         self._console = Console(record=bool(options.svg), force_terminal=terminal or None,
