@@ -89,12 +89,14 @@ def _overlay(axes: Axes, data: PairData, pose: Pose | None, title: str) -> None:
 
 def draw_paths(axes: Axes, data: PairData) -> None:
     """Draw both trajectories in the target's frame."""
-    if data.pose is None or not any(len(path) for path in data.paths):
-        return _nothing(axes, 'Trajectories', 'no trajectories' if data.pose else 'no pose found')
-    target, source = data.grids
+    best, (target, source) = data.pose, data.grids
+    if best is None:
+        return _nothing(axes, 'Trajectories', 'no pose found')
+    if not any(len(path) for path in data.paths):
+        return _nothing(axes, 'Trajectories', 'no trajectories')
     show(axes, data.picture('pale pair', lambda: overlay_picture(
-        [(target, Pose(), PALE), (source, data.pose, PALE)])), 'Trajectories')
-    for side, (path, pose) in enumerate(zip(data.paths, (Pose(), data.pose))):
+        [(target, Pose(), PALE), (source, best, PALE)])), 'Trajectories')
+    for side, (path, pose) in enumerate(zip(data.paths, (Pose(), best))):
         if len(path):
             points = apply(pose, path[:, :2])
             axes.plot(points[:, 0], points[:, 1], color=COLOURS[side], linewidth=1.3)

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 import numpy as np
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.geometry import Array
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.io.console import progress_bar, say
 from somfusion_ros.io.maps import MapError
 from somfusion_ros.io.parameters import make
-from somfusion_ros.io.result import pose_of, read_evidence, read_result
+from somfusion_ros.io.result import read_evidence, read_result
 from somfusion_ros.io.trajectories import read_tum
 from somfusion_ros.report import map_figures, pair_figures
 from somfusion_ros.report.pair_data import PairData
@@ -39,7 +39,7 @@ PNG = {'compress_level': 4}
 
 def both(draw: Callable[[Axes, PairData, int], None]) -> list[Panel]:
     """Return the two panels, target's and source's, of a figure that shows one map."""
-    return [partial(draw, side=0), partial(draw, side=1)]
+    return [lambda axes, data: draw(axes, data, 0), lambda axes, data: draw(axes, data, 1)]
 
 
 FIGURES: dict[str, list[Panel]] = {
@@ -90,7 +90,7 @@ def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path
     record = read_result(folder)
     grids = {name: read_evidence(folder / name) for name in record['robots']}
     paths = {name: _path(folder / name) for name in grids}
-    world = {name: pose_of(pose) for name, pose in record['transforms'].items()}
+    world = {name: Pose(**pose) for name, pose in record['transforms'].items()}
     team = TeamData(grids, world, paths)
     figures = folder / 'figures'
     figures.mkdir(exist_ok=True)

@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
-from somfusion_ros.geometry import apply, compose, Pose
+from somfusion_ros.geometry import compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.report.map_text import map_text, Mark
 from somfusion_ros.report.palette import team_colours
@@ -76,8 +76,9 @@ def map_panel(team: HeardTeam, group: Mapping[str, Pose], width: int, height: in
     """Draw the maps of connected robots as one, each robot's walls in its colour."""
     colours = team_colours(sorted(team.grids))
     picture = overlay_picture([(team.grids[r], pose, colours[r]) for r, pose in group.items()])
-    marks = [Mark(*apply(pose, [team.poses[robot][:2]])[0], colours[robot])
-             for robot, pose in group.items() if robot in team.poses]
+    robots = [robot for robot in group if robot in team.poses]
+    places = [compose(group[robot], team.poses[robot]) for robot in robots]
+    marks = [Mark(place[0], place[1], colours[robot]) for robot, place in zip(robots, places)]
     title = Text(' + ').join(Text(robot, f'bold {colours[robot]}') for robot in group)
     title.append(': one map' if len(group) > 1 else ': not merged', 'default')
     return Panel.fit(map_text(picture, width, height, marks), title=title)
