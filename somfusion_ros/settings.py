@@ -24,17 +24,6 @@ def parameter(default: Any, unit: str, low: float | None, high: float | None,
         'unit': unit, 'low': low, 'high': high, 'description': description, 'live': live})
 
 
-def tuned(default: Any, unit: str, reason: str, measured: str) -> Any:
-    """
-    Make a dataclass field for a number that a stage was tuned with.
-
-    It carries its unit, the reason for its size, and where it was measured ('' where it follows
-    from the reason alone). No user sets it: it is no parameter.
-    """
-    return field(default=default, metadata={
-        'unit': unit, 'reason': reason, 'measured': measured})
-
-
 def validate(config: Any) -> None:
     """Raise ValueError, naming the parameter, if a number leaves its range."""
     for item in fields(config):

@@ -27,7 +27,7 @@ class AlignmentSettings:
     """Numbers that the merge of two maps was tuned with."""
 
     fewest_features: int = tuned(
-        8, 'clusters', 'a map of fewer that have a normal cannot be matched', '')
+        8, 'clusters', 'a map of fewer that have a normal cannot be matched', 'by design')
     published_v: float = tuned(
         0.9, 'share', 'V (12) from which the published method trusts its only hypothesis',
         'benchmarks/fusion.py')

@@ -21,7 +21,7 @@ class LearningSettings:
     """Numbers that the learning of one map was tuned with."""
 
     dust: int = tuned(
-        4, 'cells', 'a segment of fewer cells is noise', '')
+        4, 'cells', 'a segment of fewer cells is noise', 'by design')
     oriented: float = tuned(
         0.3, '0..1', 'agreement of the surfaces around a cluster from which it has a normal: '
         'below, it is a blob', 'benchmarks/fusion.py')
@@ -31,11 +31,12 @@ class LearningSettings:
     radon: int = tuned(
         300, 'clusters', 'the Radon image is made of; more change no peak', 'benchmarks/fusion.py')
     cell: float = tuned(
-        0.1, 'm', "edge of the zones' cells: two cells of most maps", '')
+        0.1, 'm', "edge of the zones' cells: two cells of most maps", 'by design')
     fine_cell: float = tuned(
-        0.05, 'm', "edge of the likelihood field's cells, more where the grid's are larger", '')
+        0.05, 'm', "edge of the likelihood field's cells, more where the grid's are larger",
+        'by design')
     reach: float = tuned(
-        1.3, 'm', 'furthest match that is looked up: that of Algorithm 2 and a cell', '')
+        1.3, 'm', 'furthest match that is looked up: that of Algorithm 2 and a cell', 'by design')
     probes: int = tuned(
         1000, 'cells', 'stand for all wall cells in the verdict', 'benchmarks/fusion.py')
     free_places: int = tuned(

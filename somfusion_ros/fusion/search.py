@@ -27,7 +27,8 @@ class SearchSettings:
         512, 'cells', 'most along an edge of the voting grid: bounds memory and time',
         'benchmarks/fusion_growth.py')
     last_angles: tuple[float, ...] = tuned(
-        (9.0, 6.0, 5.0, 4.0), 'deg', 'last thresholds of Algorithm 2, with all clusters', '')
+        (9.0, 6.0, 5.0, 4.0), 'deg', 'last thresholds of Algorithm 2, with all clusters',
+        'by design')
     last_reaches: tuple[float, ...] = tuned(
         (0.4, 0.3, 0.2, 0.15), 'm', 'furthest match at each of them',
         'benchmarks/fusion.py: strict')
