@@ -80,9 +80,9 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'fusion_node = somfusion_ros.ros.fusion.node:main',
-            'player = somfusion_ros.ros.apps.player:main',
-            'slam_node = somfusion_ros.ros.slam.node:main',
+            'fusion_node = somfusion_ros.ros.start:fusion_node',
+            'player = somfusion_ros.ros.start:player',
+            'slam_node = somfusion_ros.ros.start:slam_node',
             'somfusion = somfusion_ros.cli.main:main',
         ],
     },

@@ -20,8 +20,10 @@ from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField  # no
 from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
 from somfusion_ros.geometry import Pose  # noqa: E402
 from somfusion_ros.ros.common import conversions as convert  # noqa: E402
-from somfusion_ros.ros.common.peers import CHANGES, CLUSTERS, Heard, MAP, STATE  # noqa: E402
-from somfusion_ros.ros.fusion.inbox import Intake  # noqa: E402
+from somfusion_ros.ros.common.heard import Heard  # noqa: E402
+from somfusion_ros.ros.common.names import (CLUSTERS, TEAM_MAP, TEAM_MAP_CHANGES,  # noqa: E402
+                                            TEAM_STATE)
+from somfusion_ros.ros.fusion.inbox import Inbox  # noqa: E402
 from somfusion_ros.ros.fusion.team_messages import (bytes_from_message,  # noqa: E402
                                                     bytes_message, clusters_from_message, State,
                                                     state_from_message, state_message)
@@ -183,30 +185,30 @@ def test_any_scan_is_taken_as_it_is() -> None:
         assert len(convert.scan_from_message(message, Pose()).ranges) == len(message.ranges)
 
 
-def an_intake(counts: list[str]) -> tuple[Intake, FusionSession]:
+def an_inbox(counts: list[str]) -> tuple[Inbox, FusionSession]:
     """Make what robot1's fusion node takes messages with, and give it a map."""
     session = FusionSession('robot1', TeamConfig(), FusionConfig(), lambda text: None)
-    intake = Intake('robot1', session, LIMIT, lambda kind, reason='': counts.append(kind))
-    intake.heard |= {robot: Heard() for robot in ('robot1', 'robot2', 'robot9')}
-    intake.keep('robot1', 'map', convert.grid_message(ROOM, 'map', Time()))
-    intake.drain()
-    return intake, session
+    inbox = Inbox('robot1', session, LIMIT, lambda kind, reason='': counts.append(kind))
+    inbox.heard |= {robot: Heard() for robot in ('robot1', 'robot2', 'robot9')}
+    inbox.keep('robot1', 'map', convert.grid_message(ROOM, 'map', Time()))
+    inbox.drain()
+    return inbox, session
 
 
 def test_a_flood_of_garbage_is_counted_under_its_sender_and_fills_no_memory() -> None:
     counts: list[str] = []
-    intake, session = an_intake(counts)
+    inbox, session = an_inbox(counts)
     rng = np.random.default_rng(1)
-    kinds = (('map', a_grid), (MAP, a_stream), (CHANGES, a_stream), (STATE, a_state),
-             (CLUSTERS, a_cloud))
+    kinds = (('map', a_grid), (TEAM_MAP, a_stream), (TEAM_MAP_CHANGES, a_stream),
+             (TEAM_STATE, a_state), (CLUSTERS, a_cloud))
     tracemalloc.start()
     for step in range(1000):
         topic, make = kinds[step % len(kinds)]
-        intake.keep('robot9', topic, make(rng))
-        intake.keep_pose('robot9', a_pose(rng))
-        intake.keep_transform('robot9', a_transform(rng))
+        inbox.keep('robot9', topic, make(rng))
+        inbox.keep_pose('robot9', a_pose(rng))
+        inbox.keep_transform('robot9', a_transform(rng))
         if step % 20 == 0:
-            intake.drain()
+            inbox.drain()
             session.refresh()
         if step == 300:
             before = tracemalloc.get_traced_memory()[0]

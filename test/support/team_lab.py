@@ -105,7 +105,7 @@ class Lab:
         with self.log(robot).open('ab') as log:
             self.nodes[robot] = subprocess.Popen(
                 [*self._prefixes.get(robot, []), sys.executable, '-m',
-                 'somfusion_ros.ros.fusion.node', '--ros-args', '-r',
+                 'somfusion_ros.ros.fusion_node', '--ros-args', '-r',
                  f'__ns:=/{namespace or robot}', '-r', '/diagnostics:=diagnostics', *words],
                 env=self._environment, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
                 preexec_fn=die_with_parent)

@@ -24,7 +24,7 @@ MAP = {'count': 3, 'width': 10, 'height': 20, 'frame': 'world', 'stamp': 1.0}
 
 
 def status_of(transforms: dict[str, dict[str, Pose]], maps: bool = True) -> dict[str, Any]:
-    """Make a witness's status out of transforms by robot and peer."""
+    """Make a recorder's status out of transforms by robot and peer."""
     def record(peers: dict[str, Pose]) -> dict[str, Any]:
         return {'maps': {'map': MAP, 'global_map': MAP} if maps else {'map': MAP},
                 'first_pose': {'stamp': 0.0, 'pose': [0.0, 0.0, 0.0], 'first': 2.0},

@@ -241,7 +241,7 @@ def test_a_slam_node_that_is_killed_begins_a_new_map_that_joins_again(graph: Gra
     start(graph, 'robot2', '-p', 'use_sim_time:=true')
 
     def start_slam(use_sim_time: str) -> int:
-        return graph.processes.start('slam', 'somfusion_ros.ros.slam.node', [
+        return graph.processes.start('slam', 'somfusion_ros.ros.slam_node', [
             '--ros-args', '-r', '__ns:=/robot2', '-p', 'laser_pose:=[0.1, 0.0, 0.0]',
             '-p', 'map_update_interval:=1.0', '-p', f'use_sim_time:={use_sim_time}'])
 
@@ -324,7 +324,7 @@ def cut_to_walls(grid: Grid, robot: str, low: tuple[float, float],
 
 def run_alone(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run fusion_node until it ends by itself."""
-    return subprocess.run([sys.executable, '-m', 'somfusion_ros.ros.fusion.node', *arguments],
+    return subprocess.run([sys.executable, '-m', 'somfusion_ros.ros.fusion_node', *arguments],
                           env=ros_environment(), capture_output=True, text=True, timeout=30)
 
 
@@ -351,7 +351,7 @@ def test_both_signals_end_it_also_in_the_middle_of_work(graph: Graph) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         name = number.name
         start(graph, 'robot1')
-        pid = graph.processes.start(name, 'somfusion_ros.ros.fusion.node', [
+        pid = graph.processes.start(name, 'somfusion_ros.ros.fusion_node', [
             '--ros-args', '-r', '__ns:=/robot1', '-r', '__node:=other', *FAST])
         log = graph.processes.log_path(name)
         graph.until(lambda: 'found robot2' in log.read_text(), 'the maps coming in')

@@ -169,7 +169,7 @@ def test_parameters_change_while_the_node_runs_or_say_why_not(graph: Graph) -> N
     ('resolution:=-1.0', 'resolution'), ('resolution:=fine', 'resolution'),
     ('laser_pose:=[1.0]', 'laser_pose'), ('odometry_source:=gps', 'odometry_source')])
 def test_a_wrong_parameter_is_one_sentence_and_status_1(given: str, words: str) -> None:
-    ended = subprocess.run([sys.executable, '-m', 'somfusion_ros.ros.slam.node', '--ros-args',
+    ended = subprocess.run([sys.executable, '-m', 'somfusion_ros.ros.slam_node', '--ros-args',
                             '-p', given], env=ros_environment(), capture_output=True, text=True,
                            timeout=60)
     assert ended.returncode == 1

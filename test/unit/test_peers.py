@@ -5,8 +5,10 @@
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, compose, inverse, Pose
-from somfusion_ros.ros.common.peers import (find_peers, from_sighting, Heard, MAP_TYPE, NAME_TAKEN,
-                                            robot_of, STATE, STATE_TYPE, TimedPose, TRAIL_KEPT)
+from somfusion_ros.ros.common.heard import (from_sighting, Heard, NAME_TAKEN, TimedPose,
+                                            TRAIL_KEPT)
+from somfusion_ros.ros.common.names import MAP_TYPE, STATE_TYPE, TEAM_STATE
+from somfusion_ros.ros.common.peers import find_peers, robot_of
 
 TOPICS = [('/robot1/map', [MAP_TYPE]), ('/robot2/map', [MAP_TYPE]),
           ('/robot2/global_map', [MAP_TYPE]), ('/robot3/local_costmap/costmap', [MAP_TYPE]),
@@ -21,7 +23,7 @@ def test_peers_are_found_by_exact_last_name_and_type() -> None:
     topics = TOPICS[:-2]
     assert find_peers(topics, 'map', MAP_TYPE, '/robot1/map', ['']) == ['fleet/robot5', 'robot2']
     assert find_peers(topics, 'map', MAP_TYPE, '/map', []) == ['fleet/robot5', 'robot1', 'robot2']
-    assert find_peers(TOPICS, STATE, STATE_TYPE, '/robot1/team/state', []) == ['robot8']
+    assert find_peers(TOPICS, TEAM_STATE, STATE_TYPE, '/robot1/team/state', []) == ['robot8']
 
 
 def test_only_wanted_peers_are_heard() -> None:

@@ -96,11 +96,12 @@ def show(folder: Path, logs: Mapping[str, Log], status: Mapping[str, Any],
         {'pairs': [row.record() for row in rows], 'seconds': dict(seconds),
          'diagnostics': status['diagnostics']}, indent=2) + '\n')
     say(f'picture: {draw_live(folder, list(logs), rows)}')
-    wrong = [row for row in rows if row.error is not None and not row.within(TOLERANCE)]
+    wrong = [(row, row.error) for row in rows
+             if row.error is not None and not row.within(TOLERANCE)]
     if wrong:
         raise LiveError('; '.join(
-            f'{row.target} -> {row.source} is {row.error[0]:.2f} m and {row.error[1]:.1f} deg '
-            f'off the {reference_name}' for row in wrong))
+            f'{row.target} -> {row.source} is {metres:.2f} m and {degrees:.1f} deg off the '
+            f'{reference_name}' for row, (metres, degrees) in wrong))
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -130,8 +131,9 @@ def _replayed(folder: Path, bags: Sequence[str | Path]) -> dict[tuple[str, str],
 
 
 def _poses(pairs: Any) -> dict[tuple[str, str], Pose]:
-    """Give T_target_source of pairs as they stand in a JSON file."""
-    return {(p['target'], p['source']): pose_of(p['transform']) for p in pairs}
+    """Return T_target_source of pairs as they stand in a JSON file."""
+    found = {(p['target'], p['source']): pose_of(p['transform']) for p in pairs}
+    return {pair: pose for pair, pose in found.items() if pose is not None}
 
 
 if __name__ == '__main__':

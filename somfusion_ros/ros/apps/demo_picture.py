@@ -22,7 +22,7 @@ NAME = 'live.png'
 
 def draw_live(folder: Path, robots: Sequence[str], rows: Sequence[Row]) -> Path:
     """
-    Draw what the witness wrote to folder/live.
+    Draw what the recorder wrote to folder/live.
 
     One panel per robot with the global map as that robot published it, and a last one with every
     robot's own walls and path, placed by the transforms that the first robot published.

@@ -43,7 +43,7 @@ class Row:
         return float(np.hypot(x, y)), float(np.degrees(abs(theta)))
 
     def within(self, tolerance: tuple[float, float]) -> bool:
-        """Tell whether the error is within a distance [m] and an angle [deg]."""
+        """Return whether the error is within a distance [m] and an angle [deg]."""
         return self.error is not None and all(e <= t for e, t in zip(self.error, tolerance))
 
     def record(self) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def table(rows: Sequence[Row], reference_name: str) -> list[str]:
     """Lay the rows out: each transform above its reference."""
     head = ('map of -> map of', 'x [m]', 'y [m]', 'theta [deg]', 'error [m]', '[deg]', 'V [%]',
             'probability', 'match [ms]', 'after [s]')
-    cells = [head]
+    cells: list[tuple[str, ...]] = [head]
     for row in rows:
         error = ('', '') if row.error is None else tuple(f'{e:.3f}' for e in row.error)
         cells.append((f'{row.target} -> {row.source}', *_pose_cells(row.T_target_source), *error,
@@ -88,7 +88,7 @@ def table(rows: Sequence[Row], reference_name: str) -> list[str]:
 
 
 def robot_lines(status: Mapping[str, Any], logs: Mapping[str, Log]) -> Iterator[str]:
-    """Say what each robot published."""
+    """List what each robot published."""
     for robot, record in status['robots'].items():
         maps, said = record['maps'], status['diagnostics'].get(f'{robot}/slam_node', {})
         values = said.get('values', {})
@@ -101,11 +101,11 @@ def robot_lines(status: Mapping[str, Any], logs: Mapping[str, Log]) -> Iterator[
 
 
 def pair_diagnostics(status: Mapping[str, Any], robot: str, peer: str) -> dict[str, str]:
-    """Give what a robot's diagnostics say of a peer."""
+    """Return the diagnostics of one peer by a robot."""
     for name, record in status['diagnostics'].items():
         words = name.replace('/', ' ').replace(':', ' ').split()
         if robot in words and peer in words and words.index(robot) < words.index(peer):
-            return record['values']
+            return dict(record['values'])
     return {}
 
 
@@ -120,7 +120,7 @@ def _reference(reference: References | None, target: str, source: str) -> Pose |
 
 
 def _map_text(kind: str, record: Mapping[str, Any]) -> str:
-    """Say how often a map was published and how large it is."""
+    """Write how often a map was published and how large it is."""
     return f'{record["count"]} times a {kind}, last {record["width"]} x {record["height"]} cells'
 
 

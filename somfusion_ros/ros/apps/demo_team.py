@@ -21,7 +21,7 @@ START_TIMEOUT = 30.0   # [s] for all processes to find one another, before the b
 POLL = 0.25            # [s]
 MAP_UPDATE_INTERVAL = 2.0   # [s] of wall time; shorter than the default, as the bags play fast
 TRANSFORM_TIMEOUT = 5.0   # [s] a bag's odometry always comes, however busy the machine is
-WITNESS, STATUS = 'witness', 'status.json'
+RECORDER, STATUS = 'recorder', 'status.json'
 
 
 class LiveError(RuntimeError):
@@ -41,7 +41,7 @@ def run_team(logs: Mapping[str, Log], folder: Path, options: LiveOptions) -> dic
     """
     Play every robot's bag into its own two nodes until every robot knows the global map.
 
-    Returns the witness's last status, with `statuses` of all processes; the maps as published
+    Returns the recorder's last status, with `statuses` of all processes; the maps as published
     lie in folder/<robot>/{map,global_map}. LiveError, with a sentence, where that fails.
     """
     if (folder / STATUS).exists():   # of an earlier run: it must not be taken for this one's
@@ -52,7 +52,7 @@ def run_team(logs: Mapping[str, Log], folder: Path, options: LiveOptions) -> dic
         longest = max(log.duration for log in logs.values()) / options.rate
         _wait_for_players(processes, players, longest)
         _wait_until_joined(processes, folder, list(logs), options)
-        processes.stop([WITNESS])
+        processes.stop([RECORDER])
         nodes = [name for name in _names(logs) if name not in players]
         ended = processes.stop(nodes)
     for name, status in ended.items():
@@ -63,15 +63,15 @@ def run_team(logs: Mapping[str, Log], folder: Path, options: LiveOptions) -> dic
 
 
 def read_status(folder: Path) -> dict[str, Any]:
-    """Give what the witness wrote last; empty before it wrote anything."""
+    """Return what the recorder wrote last; empty before it wrote anything."""
     try:
-        return json.loads((folder / STATUS).read_text())
+        return dict(json.loads((folder / STATUS).read_text()))
     except OSError:
         return {'robots': {}, 'diagnostics': {}}
 
 
 def joined(status: Mapping[str, Any], robots: list[str]) -> bool:
-    """Tell whether every robot published the global map and is connected with all others."""
+    """Return whether every robot published the global map and is connected with all others."""
     for robot in robots:
         record = status['robots'].get(robot, {'maps': {}, 'transforms': {}})
         said = status['diagnostics'].get(f'{robot}/fusion_node', {}).get('values', {})
@@ -83,13 +83,13 @@ def joined(status: Mapping[str, Any], robots: list[str]) -> bool:
 
 
 def settled(status: Mapping[str, Any]) -> bool:
-    """Tell whether every fusion node has matched the maps as they are now."""
+    """Return whether every fusion node has matched the maps as they are now."""
     return all(record['values'].get('settled', 'True') == 'True'
                for record in status['diagnostics'].values())
 
 
 def why_not(status: Mapping[str, Any], robots: list[str]) -> str:
-    """Say what is missing, robot by robot, with the nodes' own words."""
+    """Describe what is missing, robot by robot, in the words of the nodes."""
     missing = []
     for robot in robots:
         maps = status['robots'].get(robot, {}).get('maps', {})
@@ -104,19 +104,19 @@ def why_not(status: Mapping[str, Any], robots: list[str]) -> str:
 
 
 def _names(logs: Mapping[str, Log]) -> list[str]:
-    """Names of all processes but the witness."""
+    """Names of all processes but the recorder."""
     return [f'{kind}_{robot}' for robot in logs for kind in ('slam', 'fusion', 'player')]
 
 
 def _start(processes: Processes, logs: Mapping[str, Log], folder: Path, rate: float) -> None:
-    """Start the nodes of every robot, the witness, and then the players."""
-    processes.start(WITNESS, 'somfusion_ros.ros.apps.recorder', [str(folder), *logs])
+    """Start the nodes of every robot, the recorder, and then the players."""
+    processes.start(RECORDER, 'somfusion_ros.ros.apps.recorder', [str(folder), *logs])
     for robot, log in logs.items():
         common = ['--ros-args', '-r', f'__ns:=/{robot}', '-r', '/tf:=tf',
                   '-r', '/tf_static:=tf_static']
-        processes.start(f'slam_{robot}', 'somfusion_ros.ros.slam.node',
+        processes.start(f'slam_{robot}', 'somfusion_ros.ros.slam_node',
                         [*common, *_slam_parameters(log)])
-        processes.start(f'fusion_{robot}', 'somfusion_ros.ros.fusion.node', common)
+        processes.start(f'fusion_{robot}', 'somfusion_ros.ros.fusion_node', common)
     for robot, log in logs.items():
         processes.start(f'player_{robot}', 'somfusion_ros.ros.apps.player',
                         [str(log.path), '--rate', str(rate), '--wait', str(START_TIMEOUT),
@@ -124,7 +124,7 @@ def _start(processes: Processes, logs: Mapping[str, Log], folder: Path, rate: fl
 
 
 def _slam_parameters(log: Log) -> list[str]:
-    """Tell slam_node what was found in the bag: frames, mount of the laser, odometry."""
+    """Return parameters of slam_node found in the bag: frames, laser mount, odometry."""
     if log.odometry_source == 'tf':
         raise BagError(f'{log.path}: its odometry is only in /tf; the live system needs '
                        'nav_msgs/Odometry or joint states')

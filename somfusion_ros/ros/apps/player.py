@@ -49,7 +49,7 @@ def open_bag(path: str | Path) -> AnyReader:
 
 
 def is_played(connection: Any) -> bool:
-    """Tell whether a bag's topic is played: of the transforms only those that never change."""
+    """Return whether a bag's topic is played: of the transforms only those that never change."""
     return connection.msgtype in TOPICS or (
         connection.msgtype == TRANSFORMS and connection.topic.endswith('tf_static'))
 
@@ -82,7 +82,7 @@ class PlayerNode(Node):
         self._thread.start()
 
     def close(self, timeout: float) -> bool:
-        """Stop playing; tell whether the thread ended in time."""
+        """Stop playing; return whether the thread ended in time."""
         self._stop.set()
         self._thread.join(timeout)
         self._reader.close()
@@ -129,7 +129,7 @@ class PlayerNode(Node):
                 return
 
     def _finish(self, start: float) -> None:
-        """Give the last messages time to arrive."""
+        """Wait until the last messages have arrived."""
         for publisher in self._publishers_by_type.values():
             publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_WITHIN))
         self.get_logger().info(f'played {self._options.bag} in {time.monotonic() - start:.1f} s')

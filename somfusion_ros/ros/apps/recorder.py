@@ -32,11 +32,11 @@ STATUS = 'status.json'
 PERIOD = 0.5   # [s] between two writings of the status
 
 
-class WitnessNode(Node):
+class RecorderNode(Node):
     """Hears every robot of a list."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        super().__init__('witness')
+        super().__init__('recorder')
         self._folder = Path(options.folder)
         self._folder.mkdir(parents=True, exist_ok=True)
         self._started = time.time()
@@ -96,7 +96,7 @@ class WitnessNode(Node):
     def _seen(self, records: dict[str, Any], key: str) -> dict[str, Any]:
         """Count a message under a key and note its time [s] since the start."""
         now = time.time() - self._started
-        record = records.setdefault(key, {'count': 0, 'first': now})
+        record: dict[str, Any] = records.setdefault(key, {'count': 0, 'first': now})
         record.update(count=record['count'] + 1, last=now)
         return record
 
@@ -130,12 +130,12 @@ class WitnessNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Write down what robots publish: `witness FOLDER ROBOT [ROBOT ...]`."""
-    parser = argparse.ArgumentParser(prog='witness', description=main.__doc__)
+    """Write down what robots publish: `recorder FOLDER ROBOT [ROBOT ...]`."""
+    parser = argparse.ArgumentParser(prog='recorder', description=main.__doc__)
     parser.add_argument('folder', help='where to write status.json and the maps')
     parser.add_argument('robots', nargs='+', help='namespaces of the robots')
     options = parser.parse_args(plain_args(args))
-    return run(lambda stop: WitnessNode(options), args)
+    return run(lambda stop: RecorderNode(options), args)
 
 
 if __name__ == '__main__':

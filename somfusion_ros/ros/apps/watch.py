@@ -23,8 +23,8 @@ from rich.live import Live
 from somfusion_ros.grid import MAX_CELLS
 from somfusion_ros.report.watch_view import Health, HeardTeam, view
 from somfusion_ros.ros.common import conversions as convert
-from somfusion_ros.ros.common import qos
-from somfusion_ros.ros.common.peers import find_peers, MAP_TYPE, robot_of
+from somfusion_ros.ros.common import names, qos
+from somfusion_ros.ros.common.peers import find_peers, robot_of
 from somfusion_ros.ros.common.runtime import plain_args, run
 
 PERIOD = 0.5   # [s] between two pictures
@@ -37,11 +37,13 @@ class WatchNode(Node):
     def __init__(self, options: argparse.Namespace, stop: threading.Event) -> None:
         super().__init__('watch')
         self._options, self._stop = options, stop
-        self._team, self._heard = HeardTeam(), set()
+        self._team = HeardTeam()
+        self._heard: set[str] = set()
         self._until = time.monotonic() + options.wait
         terminal = sys.stdout.isatty()
         self._console = Console(record=bool(options.svg), force_terminal=terminal or None,
-                                **({} if terminal else {'width': WIDTH, 'height': HEIGHT}))
+                                width=None if terminal else WIDTH,
+                                height=None if terminal else HEIGHT)
         self._once = options.once or not terminal
         self._live = None if self._once else Live(console=self._console, screen=True,
                                                   auto_refresh=False)
@@ -51,7 +53,7 @@ class WatchNode(Node):
         self.create_timer(PERIOD, self._draw)
 
     def close(self, timeout: float) -> bool:
-        """Give the terminal back, and write the picture if one was asked for."""
+        """Restore the terminal, and write the picture if one was asked for."""
         if self._live:
             self._live.stop()
             self._console.print(self._view())
@@ -62,7 +64,7 @@ class WatchNode(Node):
     def _draw(self) -> None:
         """Listen to new robots and show what is known."""
         for robot in find_peers(self.get_topic_names_and_types(), self._options.map_topic,
-                                MAP_TYPE, '', ()):
+                                names.MAP_TYPE, '', ()):
             if robot not in self._heard:
                 self._heard.add(robot)
                 self._listen(robot)

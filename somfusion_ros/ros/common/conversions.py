@@ -1,9 +1,10 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Messages to the core's records and back; no message goes further than this file and the nodes.
+ROS messages to the core's records and back.
 
-Whatever is wrong with an incoming message raises ValueError with one line.
+No message goes beyond this file and the nodes. Whatever is wrong with an incoming message raises
+ValueError with one line.
 """
 
 from array import array
@@ -28,14 +29,14 @@ from somfusion_ros.slam.scan import Scan
 from somfusion_ros.team.shared_map import Cells
 from std_msgs.msg import Header
 
-UNTOLD = (0.3, 0.3, 0.2)               # [m, m, rad] sigma where a message tells none
-LEAST_SIGMA = (0.02, 0.02, 0.01)       # [m, m, rad] nothing is known better than this
+DEFAULT_SIGMA = (0.3, 0.3, 0.2)         # [m, m, rad] where a message has no covariance
+LEAST_SIGMA = (0.02, 0.02, 0.01)        # [m, m, rad] added: nothing is known better than this
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))   # x, y, rotation about z in a 6 x 6 covariance
 
 
 def seconds(stamp: Time) -> float:
-    """Stamp [s]."""
-    return stamp.sec + stamp.nanosec * 1e-9
+    """Return a stamp in seconds."""
+    return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def time_message(stamp: float) -> Time:
@@ -69,7 +70,7 @@ def pose_message(pose: Iterable[float]) -> PoseMessage:
 
 
 def scan_from_message(message: LaserScan, T_base_laser: Pose, upside_down: bool = False) -> Scan:
-    """Convert a scan as it is; a laser that hangs upside down turns the other way round."""
+    """Convert a scan; the beams of a laser that hangs upside down turn the other way."""
     turn = -1.0 if upside_down else 1.0
     return Scan(seconds(message.header.stamp), np.array(message.ranges, dtype=float),
                 turn * message.angle_min, turn * message.angle_increment, message.range_min,
@@ -137,17 +138,19 @@ def pose_with_covariance(pose: Pose, covariance: Array, frame: str,
 
 
 def planar_covariance(covariance: Iterable[float]) -> Array:
-    """Covariance (3, 3) of x, y, theta out of the 36 numbers of a message."""
-    return np.asarray(covariance, dtype=float).reshape(6, 6)[PLANAR]
+    """Covariance (3, 3) of x, y, theta from the 36 numbers of a message."""
+    full: Array = np.asarray(covariance, dtype=float).reshape(6, 6)
+    planar: Array = full[PLANAR]
+    return planar
 
 
 def usable_covariance(covariance: Iterable[float]) -> Array:
-    """Planar covariance (3, 3) that can be inverted; a message that tells none gets a wide one."""
-    P = planar_covariance(covariance)
+    """Planar covariance (3, 3) that can be inverted; a wide one where the message has none."""
+    P: Array = planar_covariance(covariance)
     if not np.isfinite(P).all():
         raise ValueError('covariance is not finite')
     if not np.diag(P).any():
-        P = np.diag(UNTOLD) ** 2
+        P = np.diag(DEFAULT_SIGMA) ** 2
     P = (P + P.T) / 2.0 + np.diag(LEAST_SIGMA) ** 2
     if np.linalg.eigvalsh(P)[0] <= 0.0:
         raise ValueError('covariance is not positive')

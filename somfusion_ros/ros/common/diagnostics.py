@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a node tells /diagnostics: counts by name, and which of them are faults."""
+"""What a node publishes on /diagnostics: statuses, and counts of faults by name."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -18,9 +18,9 @@ REPEAT = 60.0   # [s] between two lines in the log about the same kind of fault
 
 class Faults:
     """
-    Counts what was wrong with incoming data, per kind; says each kind, and repeats it rarely.
+    Counts of what was wrong with incoming data, by kind; the log names each kind, at most rarely.
 
-    now gives the time [s] of a steady clock.
+    now returns the time [s] of a steady clock.
     """
 
     def __init__(self, logger: Any, now: Callable[[], float] = time.monotonic) -> None:
@@ -31,9 +31,9 @@ class Faults:
 
     def __call__(self, kind: str, reason: str = '', patience: float = 0.0) -> None:
         """
-        Count one fault, and log it with its reason unless its kind was said lately.
+        Count one fault, and log it with its reason unless its kind was logged lately.
 
-        What is usual for a moment after the start is not said before it lasts for patience [s].
+        What is usual for a moment after the start is logged once it has lasted for patience [s].
         """
         with self._lock:
             self._counts[kind] += 1
@@ -45,7 +45,7 @@ class Faults:
                              '/diagnostics)')
 
     def counts(self) -> dict[str, int]:
-        """Give the counts so far."""
+        """Return the counts so far."""
         with self._lock:
             return dict(self._counts)
 

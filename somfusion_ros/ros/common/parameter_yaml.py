@@ -49,14 +49,14 @@ def parameter_file(name: str) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def sentence(item: Field) -> str:
-    """Say what a parameter does, in which unit, and between which numbers."""
+def sentence(item: Field[Any]) -> str:
+    """Describe a parameter: effect, unit, range, and whether it can change live."""
     meta = item.metadata
     low, high = meta['low'], meta['high']
     span = f'{"" if low is None else f"{low:g}"}..{"" if high is None else f"{high:g}"}'
     notes = [note for note in (meta['unit'], span.strip('.') and span,
                                'live' if meta['live'] else '') if note]
-    return meta['description'] + (f' [{"; ".join(notes)}]' if notes else '')
+    return str(meta['description']) + (f' [{"; ".join(notes)}]' if notes else '')
 
 
 def comment(text: str, indent: str) -> list[str]:

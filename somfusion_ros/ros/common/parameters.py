@@ -3,12 +3,15 @@
 """ROS parameters declared from the config dataclasses: defaults and descriptions live there."""
 
 from dataclasses import asdict, Field, fields, replace
-from typing import Any, TypeVar
+from typing import Any, TYPE_CHECKING, TypeVar
 
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
 
-Config = TypeVar('Config')
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Config = TypeVar('Config', bound='DataclassInstance')
 UNBOUNDED = {float: 1e308, int: 2 ** 62}   # rcl ranges have two ends
 
 
@@ -26,7 +29,7 @@ def declare(node: Any, config_class: type[Config], changeable: bool = False) -> 
     return config_class(**values)
 
 
-def descriptor(item: Field, changeable: bool) -> ParameterDescriptor:
+def descriptor(item: Field[Any], changeable: bool) -> ParameterDescriptor:
     """Describe a config field: sentence, unit, range; read-only unless it may change live."""
     meta = item.metadata
     unit = f' [{meta["unit"]}]' if meta['unit'] else ''
@@ -48,7 +51,7 @@ def descriptor(item: Field, changeable: bool) -> ParameterDescriptor:
 
 def change(config: Config, parameters: list[Any]) -> tuple[Config, SetParametersResult]:
     """
-    Take live changes into a config, all or none.
+    Apply live changes to a config, all or none.
 
     Parameters that the config does not have are left to others; a refusal says why.
     """
@@ -66,10 +69,10 @@ def as_yaml(config: Any) -> dict[str, Any]:
 
 
 def _to_ros(value: Any) -> Any:
-    """Give tuples as the lists that ROS knows."""
+    """Convert a tuple to the list that ROS knows."""
     return list(value) if isinstance(value, tuple) else value
 
 
-def _from_ros(item: Field, value: Any) -> Any:
-    """Give lists as the tuples that a frozen config holds."""
+def _from_ros(item: Field[Any], value: Any) -> Any:
+    """Convert a list to the tuple that a frozen config holds."""
     return tuple(value) if isinstance(item.default, tuple) else value

@@ -1,33 +1,8 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What one robot hears of another: who there is, when it was heard, where it was."""
+"""Which robots there are, told by the topics of the ROS graph."""
 
-from collections import Counter, deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import NamedTuple
-
-import numpy as np
-from somfusion_ros.geometry import Array, between, compose, compose_jacobians, inverse, Pose
-
-STATE, POSE, MAP, CHANGES = 'team/state', 'team/pose', 'team/map', 'team/map_changes'
-MAP_TOPICS = ('map', MAP, CHANGES)
-CLUSTERS, TRANSFORMS = 'clusters', 'relative_transforms'
-KEPT = 'team/kept'         # followed by the name of the robot that is gone
-MAP_TYPE, STATE_TYPE = 'nav_msgs/msg/OccupancyGrid', 'std_msgs/msg/String'
-POSES_KEPT = 200
-TRAIL_STEP, TRAIL_KEPT = 0.1, 500   # [m], points: where a robot has been in its own map
-SIGHTING_TOLERANCE = 0.5   # [s] between a sighting and the poses that it is tied to
-SESSIONS_KEPT = 8
-NAME_TAKEN = 15.0          # [s] that a name is not trusted after two robots were heard under it
-
-
-class TimedPose(NamedTuple):
-    """T_map_base at a stamp [s] with its covariance (3, 3)."""
-
-    stamp: float
-    pose: Pose
-    covariance: Array
 
 
 def find_peers(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: str,
@@ -57,91 +32,3 @@ def find_peers(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: st
 def robot_of(frame: str) -> str:
     """Name of the robot to which a map frame `<robot>/map` belongs."""
     return frame.strip('/').rpartition('/')[0]
-
-
-@dataclass
-class Heard:
-    """What was heard of one robot: times [s] of a steady clock, bytes by topic, recent poses."""
-
-    at: float = float('-inf')
-    map_at: float = float('-inf')
-    maps: int = 0
-    received: Counter[str] = field(default_factory=Counter)
-    poses: deque[TimedPose] = field(default_factory=lambda: deque(maxlen=POSES_KEPT))
-    trail: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRAIL_KEPT))
-    taken_until: float = float('-inf')
-    _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
-
-    def hear(self, topic: str, size: int, now: float) -> None:
-        """Count a message of a size [bytes]; maps are counted apart."""
-        self.at = now
-        self.received[topic] += size
-        if topic in MAP_TOPICS:
-            self.map_at, self.maps = now, self.maps + 1
-
-    def begin(self, session: str, now: float) -> bool:
-        """
-        Note under which session a name speaks; tell whether the name can be trusted.
-
-        A node that is started again has a new session. A session that comes back after another
-        one means that two robots use the name.
-        """
-        if session in self._sessions and self._sessions[-1] != session:
-            self.taken_until = now + NAME_TAKEN
-            self._sessions.remove(session)
-        if session not in self._sessions:
-            self._sessions.append(session)
-        return now >= self.taken_until
-
-    def add_pose(self, item: TimedPose) -> None:
-        """Keep a pose, and where the robot has been."""
-        self.poses.append(item)
-        here = item.pose.x, item.pose.y
-        if not self.trail or np.hypot(*np.subtract(here, self.trail[-1])) >= TRAIL_STEP:
-            self.trail.append(here)
-
-    def pose_at(self, stamp: float) -> TimedPose | None:
-        """T_map_base at a stamp [s], between two poses or the nearest; None where none is near."""
-        poses = list(self.poses)   # in one step: another thread adds to them
-        after = [item for item in poses if item.stamp >= stamp]
-        before = [item for item in poses if item.stamp <= stamp]
-        last = max(before, key=lambda item: item.stamp, default=None)
-        first = min(after, key=lambda item: item.stamp, default=None)
-        if last and first and first.stamp - last.stamp <= 4.0 * SIGHTING_TOLERANCE:
-            return _interpolate(last, first, stamp)
-        best = min(poses, key=lambda item: abs(item.stamp - stamp), default=None)
-        near = best is not None and abs(best.stamp - stamp) <= SIGHTING_TOLERANCE
-        return best if near else None
-
-    def knows(self, stamp: float) -> bool:
-        """Tell whether a pose as new as a stamp [s] has come."""
-        return any(item.stamp >= stamp for item in list(self.poses))
-
-
-def _interpolate(last: TimedPose, first: TimedPose, stamp: float) -> TimedPose:
-    """Pose between two poses, by time."""
-    span = first.stamp - last.stamp
-    share = (stamp - last.stamp) / span if span > 0 else 0.0
-    step = share * between(last.pose, first.pose)
-    return TimedPose(stamp, Pose.from_array(compose(last.pose, step)), last.covariance)
-
-
-def from_sighting(own: TimedPose, T_base_peer: Pose, covariance: Array,
-                  peer: TimedPose) -> tuple[Pose, Array]:
-    """
-    T_own_peer of two map frames and its covariance (3, 3).
-
-    From a sighting of the peer in the robot's own base frame, with its covariance, and the poses
-    of both robots in their own maps.
-    """
-    T_own_seen = compose(own.pose, T_base_peer)
-    by_own, by_seen = compose_jacobians(own.pose, T_base_peer)
-    P = by_own @ own.covariance @ by_own.T + by_seen @ covariance @ by_seen.T
-    T_peer_map = inverse(peer.pose)
-    by_first, by_second = compose_jacobians(T_own_seen, T_peer_map)
-    x, y, _ = T_peer_map
-    c, s = np.cos(peer.pose.theta), np.sin(peer.pose.theta)
-    by_pose = np.array([[-c, -s, y], [s, -c, -x], [0.0, 0.0, -1.0]])   # of the inverse
-    turned = by_second @ by_pose
-    P = by_first @ P @ by_first.T + turned @ peer.covariance @ turned.T
-    return Pose.from_array(compose(T_own_seen, T_peer_map)), (P + P.T) / 2.0

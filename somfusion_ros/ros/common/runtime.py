@@ -30,7 +30,7 @@ class Stoppable(Protocol):
     """What `run` needs of a node beyond rclpy's own; `status`, if set, is the exit status."""
 
     def close(self, timeout: float) -> bool:
-        """Stop the workers; tell whether all of them ended in time."""
+        """Stop the workers; return whether all of them ended in time."""
 
 
 def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = None) -> int:
@@ -67,7 +67,7 @@ def plain_args(args: list[str] | None) -> list[str]:
 
 
 def _spin_until(node: Any, stop: threading.Event) -> bool:
-    """Spin in a thread until told to stop; tell whether all threads ended in time."""
+    """Spin in a thread until told to stop; return whether all threads ended in time."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     thread = threading.Thread(target=_spin, args=(executor, node, stop), daemon=True)

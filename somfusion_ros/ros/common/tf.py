@@ -14,7 +14,7 @@ from typing import Any
 
 from somfusion_ros.geometry import Pose
 from somfusion_ros.io.frame_tree import FrameTree, Mount
-from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common import names, qos
 
 
 class Broadcaster:
@@ -23,7 +23,7 @@ class Broadcaster:
     def __init__(self, node: Any) -> None:
         self._type = message_type(node)
         self.available = self._type is not None
-        self._publisher = (node.create_publisher(self._type, '/tf', qos.TRANSFORMS)
+        self._publisher = (node.create_publisher(self._type, names.TF, qos.TRANSFORMS)
                            if self.available else None)
 
     def send(self, transforms: list[Any]) -> None:
@@ -34,10 +34,11 @@ class Broadcaster:
 
 class Mounts:
     """
-    Tells where lasers sit on the robot.
+    Where lasers sit on the robot.
 
-    A mount that is given, other than at the base itself, goes before TF. Transforms that a robot
-    repeats on /tf count as well; as there are many, they are heard only until the mount is known.
+    A mount given as a parameter, unless it is all zero, goes before TF. Fixed transforms that a
+    robot repeats on /tf count as well; that topic is busy, so it is heard only until the mount is
+    known.
     """
 
     def __init__(self, node: Any, given: Pose) -> None:
@@ -48,12 +49,12 @@ class Mounts:
         if kind is None:
             self._given = self._given or Mount(given)
             return
-        node.create_subscription(kind, '/tf_static', self._on_transforms, qos.STATIC_TRANSFORMS)
-        self._repeated = node.create_subscription(kind, '/tf', self._on_transforms,
+        node.create_subscription(kind, names.TF_STATIC, self._on_transforms, qos.STATIC_TRANSFORMS)
+        self._repeated = node.create_subscription(kind, names.TF, self._on_transforms,
                                                   qos.TRANSFORMS)
 
     def find(self, base_frame: str, laser_frame: str) -> Mount | None:
-        """Give a mount; None while TF does not know it, ValueError where it is tilted."""
+        """Return a mount; None while TF does not know it, ValueError where it is tilted."""
         if self._given is not None:
             return self._given
         frames = (base_frame, laser_frame)
@@ -72,7 +73,7 @@ class Mounts:
 
 
 def message_type(node: Any) -> Any:
-    """Give tf2_msgs/TFMessage; None, said once, where it is not installed."""
+    """Return tf2_msgs/TFMessage; None, logged once, where it is not installed."""
     try:
         return import_module('tf2_msgs.msg').TFMessage
     except ImportError as error:

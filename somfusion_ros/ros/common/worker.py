@@ -43,7 +43,7 @@ class Worker:
             self._jobs.put(lambda: None)
 
     def close(self, timeout: float) -> bool:
-        """Stop after the present job; tell whether the thread ended in time."""
+        """Stop after the present job; return whether the thread ended in time."""
         self._stop.set()
         self._jobs.put(lambda: None)
         if self._thread.is_alive():

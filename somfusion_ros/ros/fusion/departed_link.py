@@ -6,20 +6,20 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from somfusion_ros.ros.common import qos
-from somfusion_ros.ros.common.peers import Heard, KEPT, MAP
-from somfusion_ros.ros.fusion.inbox import Intake
+from somfusion_ros.ros.common import names, qos
+from somfusion_ros.ros.common.heard import Heard
+from somfusion_ros.ros.fusion.inbox import Inbox
 from somfusion_ros.ros.fusion.team_messages import bytes_message
 from somfusion_ros.team.map_codec import MapEncoder
 from somfusion_ros.team.shared_map import SharedMap
 from std_msgs.msg import UInt8MultiArray
 
 
-class MemoryLink:
+class DepartedLink:
     """One robot's end of the links on which maps of absent robots go."""
 
-    def __init__(self, node: Any, intake: Intake) -> None:
-        self._node, self._intake = node, intake
+    def __init__(self, node: Any, inbox: Inbox) -> None:
+        self._node, self._inbox = node, inbox
         self._offered: dict[str, Any] = {}
         self._sent: dict[str, SharedMap] = {}
         self._fetched: dict[str, tuple[str, Any]] = {}
@@ -32,7 +32,7 @@ class MemoryLink:
         for robot, shared in maps.items():
             if robot not in self._offered:
                 self._offered[robot] = self._node.create_publisher(
-                    UInt8MultiArray, f'{KEPT}/{robot}', qos.LATCHED)
+                    UInt8MultiArray, f'{names.TEAM_KEPT}/{robot}', qos.LATCHED)
             publisher = self._offered[robot]
             if publisher.get_subscription_count() and self._sent.get(robot) is not shared:
                 self._sent[robot] = shared
@@ -47,7 +47,7 @@ class MemoryLink:
                 self._node.destroy_subscription(self._fetched.pop(robot)[1])
         for robot, keeper in sources.items():
             if robot not in self._fetched:
-                self._intake.heard.setdefault(robot, Heard())
+                self._inbox.heard.setdefault(robot, Heard())
                 self._fetched[robot] = keeper, self._node.create_subscription(
-                    UInt8MultiArray, f'/{keeper}/{KEPT}/{robot}',
-                    partial(self._intake.keep, robot, MAP), qos.LATCHED)
+                    UInt8MultiArray, f'/{keeper}/{names.TEAM_KEPT}/{robot}',
+                    partial(self._inbox.keep, robot, names.TEAM_MAP), qos.LATCHED)

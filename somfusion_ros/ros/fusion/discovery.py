@@ -14,10 +14,10 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid
 from somfusion_ros.node_config import FusionNodeConfig
-from somfusion_ros.ros.common import qos
-from somfusion_ros.ros.common.peers import (find_peers, Heard, MAP_TYPE, STATE, STATE_TYPE,
-                                            TRANSFORMS)
-from somfusion_ros.ros.fusion.inbox import Intake
+from somfusion_ros.ros.common import names, qos
+from somfusion_ros.ros.common.heard import Heard
+from somfusion_ros.ros.common.peers import find_peers
+from somfusion_ros.ros.fusion.inbox import Inbox
 from somfusion_ros.ros.fusion.team_link import TeamLink
 
 MOST_PEERS = 64    # robots that are listened to; a flood of names must not fill the memory
@@ -32,47 +32,48 @@ class Discovery:
     """
 
     def __init__(self, node: Any, name: str, config: FusionNodeConfig, link: TeamLink,
-                 intake: Intake) -> None:
-        self._node, self._config, self._link, self._intake = node, config, link, intake
+                 inbox: Inbox) -> None:
+        self._node, self._config, self._link, self._inbox = node, config, link, inbox
         self._own_map = node.resolve_topic_name(config.robot_map_topic)
-        self._own_state = node.resolve_topic_name(STATE)
+        self._own_state = node.resolve_topic_name(names.TEAM_STATE)
         self._first_seen: dict[str, float] = {}
         self._plain: dict[str, list[Any]] = {}
         self.teams: set[str] = set()
         self.alive: set[str] = set()
         self.present: set[str] = set()
-        intake.heard[name] = Heard()
+        inbox.heard[name] = Heard()
         node.create_subscription(OccupancyGrid, config.robot_map_topic,
-                                 partial(intake.keep, name, 'map'), qos.LATCHED)
+                                 partial(inbox.keep, name, names.MAP), qos.LATCHED)
 
     def look(self) -> None:
         """Listen to every robot that is new."""
         topics, peers = self._node.get_topic_names_and_types(), self._config.peers
-        teams = find_peers(topics, STATE, STATE_TYPE, self._own_state, peers)
+        teams = find_peers(topics, names.TEAM_STATE, names.STATE_TYPE, self._own_state, peers)
         for peer in teams:
-            if peer not in self.teams and self._node.count_publishers(f'/{peer}/{STATE}'):
+            if peer not in self.teams and self._node.count_publishers(
+                    f'/{peer}/{names.TEAM_STATE}'):
                 self._listen_to_team(peer)
         now = time.monotonic()
-        for peer in find_peers(topics, self._config.robot_map_topic, MAP_TYPE, self._own_map,
+        for peer in find_peers(topics, self._config.robot_map_topic, names.MAP_TYPE, self._own_map,
                                peers):
             first = self._first_seen.setdefault(peer, now) if self._room_for(peer) else now
-            if peer not in self._intake.heard and now - first >= (
+            if peer not in self._inbox.heard and now - first >= (
                     self._config.plain_map_delay):
                 self._listen_to_plain(peer)
-        self.alive = self._publishing(TRANSFORMS)
+        self.alive = self._publishing(names.RELATIVE_TRANSFORMS)
         self.present = self._publishing(self._config.robot_map_topic)
 
     def _publishing(self, plain_topic: str) -> set[str]:
         """Name robots that publish a state, or a plain topic where they have no fusion node."""
-        return {peer for peer in self._intake.heard if self._node.count_publishers(
-            f'/{peer}/{STATE if peer in self.teams else plain_topic}')}
+        return {peer for peer in self._inbox.heard if self._node.count_publishers(
+            f'/{peer}/{names.TEAM_STATE if peer in self.teams else plain_topic}')}
 
     def _room_for(self, peer: str) -> bool:
-        """Tell whether one more robot may be listened to."""
+        """Return whether one more robot may be listened to."""
         return peer in self._first_seen or len(self._first_seen) < MOST_PEERS
 
     def _listen_to_team(self, peer: str) -> None:
-        """Hear what a robot with a fusion node tells everybody."""
+        """Subscribe to what a robot with a fusion node publishes always."""
         if len(self.teams) >= MOST_PEERS:
             return
         for subscription in self._plain.pop(peer, ()):
@@ -82,19 +83,19 @@ class Discovery:
         self._link.listen(peer)
 
     def _listen_to_plain(self, peer: str) -> None:
-        """Hear the whole maps of a robot without a fusion node."""
+        """Subscribe to the whole maps of a robot without a fusion node."""
         self._say(peer, 'whole maps')
-        node, intake, topic = self._node, self._intake, self._config.robot_map_topic
+        node, inbox, topic = self._node, self._inbox, self._config.robot_map_topic
         self._plain[peer] = [
             node.create_subscription(OccupancyGrid, f'/{peer}/{topic}',
-                                     partial(intake.keep, peer, 'map'), qos.LATCHED),
-            node.create_subscription(PoseWithCovarianceStamped, f'/{peer}/pose',
-                                     partial(intake.keep_pose, peer), qos.STREAM),
-            node.create_subscription(TransformStamped, f'/{peer}/{TRANSFORMS}',
-                                     partial(intake.keep_transform, peer),
+                                     partial(inbox.keep, peer, names.MAP), qos.LATCHED),
+            node.create_subscription(PoseWithCovarianceStamped, f'/{peer}/{names.ROBOT_POSE}',
+                                     partial(inbox.keep_pose, peer), qos.STREAM),
+            node.create_subscription(TransformStamped, f'/{peer}/{names.RELATIVE_TRANSFORMS}',
+                                     partial(inbox.keep_transform, peer),
                                      qos.LATCHED_PER_PAIR)]
 
     def _say(self, peer: str, how: str) -> None:
-        """Tell of a robot that is heard from now on."""
-        self._intake.heard.setdefault(peer, Heard())
+        """Log a robot that is heard from now on."""
+        self._inbox.heard.setdefault(peer, Heard())
         self._node.get_logger().info(f'found {peer}, with {how}')

@@ -15,8 +15,9 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Path
 import numpy as np
 from somfusion_ros.ros.common import conversions as convert
-from somfusion_ros.ros.common.peers import (CHANGES, CLUSTERS, Heard, MAP, robot_of, STATE,
-                                            TimedPose, TRANSFORMS)
+from somfusion_ros.ros.common import names
+from somfusion_ros.ros.common.heard import Heard, TimedPose
+from somfusion_ros.ros.common.peers import robot_of
 from somfusion_ros.ros.fusion.team_messages import (bytes_from_message, clusters_from_message,
                                                     state_from_message)
 from somfusion_ros.team.graph import Edge
@@ -25,11 +26,13 @@ from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import Cells, FARTHEST, mark_driven, SharedMap
 from std_msgs.msg import String
 
-FAULTS = {STATE: 'state', MAP: 'map', CHANGES: 'map', TRANSFORMS: 'transform'}   # in diagnostics
+# How the topics are called in diagnostics.
+FAULTS = {names.TEAM_STATE: 'state', names.TEAM_MAP: 'map', names.TEAM_MAP_CHANGES: 'map',
+          names.RELATIVE_TRANSFORMS: 'transform'}
 MOST_TRANSFORMS = 64     # that wait for the worker
 
 
-class Intake:
+class Inbox:
     """Keeps the newest of everything, and hands it to the session."""
 
     def __init__(self, name: str, session: FusionSession, max_cells: int,
@@ -37,7 +40,7 @@ class Intake:
         self.heard: dict[str, Heard] = {}
         self._name, self._session, self._max_cells = name, session, max_cells
         self._count = count
-        self._inbox: dict[tuple[str, str], Any] = {}
+        self._waiting: dict[tuple[str, str], Any] = {}
         self._decoders: dict[str, MapDecoder] = {}
         self._path: Path | None = None
 
@@ -45,14 +48,14 @@ class Intake:
         """Keep a message until the worker takes it."""
         size = len(getattr(message, 'data', ()))
         self.heard[robot].hear(topic, size, time.monotonic())
-        self._inbox[robot, topic] = message
+        self._waiting[robot, topic] = message
 
     def keep_path(self, message: Path) -> None:
         """Keep the robot's own path."""
         self._path = message
 
     def keep_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
-        """Take a robot's pose in its own map at once."""
+        """Keep a robot's pose in its own map."""
         heard = self.heard[robot]
         heard.hear('pose', 0, time.monotonic())
         try:
@@ -67,22 +70,25 @@ class Intake:
 
     def keep_transform(self, owner: str, message: TransformStamped) -> None:
         """Keep what a robot without a state accepted, one transform per other robot."""
-        self.heard[owner].hear(TRANSFORMS, 0, time.monotonic())
+        self.heard[owner].hear(names.RELATIVE_TRANSFORMS, 0, time.monotonic())
         peer = robot_of(message.child_frame_id)
-        waiting = sum(topic.startswith(TRANSFORMS) for _, topic in list(self._inbox))
+        waiting = sum(topic.startswith(names.RELATIVE_TRANSFORMS)
+                      for _, topic in list(self._waiting))
         if peer not in ('', owner) and waiting < MOST_TRANSFORMS:
-            self._inbox[owner, f'{TRANSFORMS}/{peer}'] = message
+            self._waiting[owner, f'{names.RELATIVE_TRANSFORMS}/{peer}'] = message
 
     def drain(self) -> Cells | None:
-        """Hand all that came to the session; give the robot's own map where it changed."""
-        own = None
-        takers = {STATE: self._take_state, CLUSTERS: self._take_clusters,
-                  TRANSFORMS: self._take_transform}
-        for robot, topic in list(self._inbox):
-            if topic != STATE and time.monotonic() < self.heard[robot].taken_until:
+        """Pass all that came to the session; return the robot's own map where it changed."""
+        own: Cells | None = None
+        takers: dict[str, Callable[[str, Any], Cells | None]] = {
+            names.TEAM_STATE: self._take_state, names.CLUSTERS: self._take_clusters,
+            names.RELATIVE_TRANSFORMS: self._take_transform}
+        for robot, topic in list(self._waiting):
+            if topic != names.TEAM_STATE and time.monotonic() < self.heard[robot].taken_until:
                 continue   # it waits until one robot only uses the name
-            message = self._inbox.pop((robot, topic))
-            kind = TRANSFORMS if topic.startswith(TRANSFORMS) else topic
+            message = self._waiting.pop((robot, topic))
+            is_transform = topic.startswith(names.RELATIVE_TRANSFORMS)
+            kind = names.RELATIVE_TRANSFORMS if is_transform else topic
             try:
                 cells = takers.get(kind, self._take_map)(robot, message)
             except ValueError as error:
@@ -92,10 +98,10 @@ class Intake:
         return own
 
     def _take_map(self, robot: str, message: Any) -> Cells | None:
-        """Take a map, whole or as part of a stream; give its cells where it changed anything."""
+        """Use a map, whole or as part of a stream; return its cells where it changed anything."""
         if isinstance(message, OccupancyGrid):
-            cells = mark_driven(convert.cells_from_message(message, self._max_cells),
-                                self._places(robot))
+            whole = convert.cells_from_message(message, self._max_cells)
+            cells: Cells | None = mark_driven(whole, self._places(robot))
         else:
             decoder = self._decoders.setdefault(robot, MapDecoder(self._max_cells))
             cells = decoder.decode(bytes_from_message(message))
@@ -113,18 +119,18 @@ class Intake:
         return list(self.heard[robot].trail)
 
     def _take_state(self, robot: str, message: String) -> None:
-        """Take what a peer accepts."""
+        """Use what a peer accepts."""
         state, now = state_from_message(message), time.monotonic()
         if not self.heard[robot].begin(state.session, now):
             raise ValueError(f'two robots are called {robot}; neither is listened to')
         self._session.take_state(robot, state.edges, state.kept)
 
     def _take_transform(self, owner: str, message: TransformStamped) -> None:
-        """Take a pair that a robot without a state accepted; nobody tells how well it is known."""
+        """Use a pair that a robot without a state accepted; its covariance is not published."""
         self._session.add_edge(owner, Edge(owner, robot_of(message.child_frame_id),
                                            convert.transform_from_message(message),
                                            convert.usable_covariance(np.zeros(36))))
 
     def _take_clusters(self, robot: str, message: Any) -> None:
-        """Take the clusters of a peer's map."""
+        """Use the clusters of a peer's map."""
         self._session.take_clusters(robot, clusters_from_message(message))

@@ -1,19 +1,13 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a fusion node shows of what it learned and decided: clusters, markers, diagnostics."""
-
-from collections.abc import Mapping
+"""What a fusion node draws for RViz: segments, surfaces, normals, matches."""
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 import numpy as np
 from somfusion_ros.fusion.cluster_matching import match
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.ros.common.diagnostics import status
-from somfusion_ros.ros.common.peers import CLUSTERS, Heard, MAP_TOPICS
-from somfusion_ros.team.session import Snapshot
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -26,7 +20,7 @@ YELLOW = ColorRGBA(r=1.0, g=0.9, b=0.2, a=1.0)
 
 
 def matched_clusters(own: LearnedMap, peer: LearnedMap, T_own_peer: Pose) -> Array:
-    """Give ends (N, 2, 2) [m] of lines from a peer's clusters to the own ones they match."""
+    """Return ends (N, 2, 2) [m] of lines from a peer's clusters to the own ones they match."""
     found = match(np.array(T_own_peer)[None], peer.features, own.features, own.nearest,
                   MATCH_ANGLE, MATCH_REACH)
     agrees = found.agrees[0]
@@ -46,47 +40,6 @@ def team_markers(learned: LearnedMap, frame: str, stamp: Time,
                       np.stack([c.centres, tips], 1).reshape(-1, 2), YELLOW)
     matched = _marker(header, 'matches', Marker.LINE_LIST, matches.reshape(-1, 2), RED)
     return MarkerArray(markers=[segments, surfaces, normals, matched])
-
-
-def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],
-                    faults: Mapping[str, int], now: float,
-                    timeout: float) -> list[DiagnosticStatus]:
-    """One status of the node, and one per peer."""
-    world = snapshot.world(robot)
-    values = {'peers': len(heard) - 1, 'connected': ', '.join(sorted(world)) or 'nobody',
-              'dropped': '; '.join(d.reason for d in snapshot.solution.dropped),
-              'transform_jumps': snapshot.jumps, **faults}
-    silent = '' if heard[robot].maps else "the robot's own map has not come yet"
-    return [status(node, robot, values, silent)] + [
-        _peer_status(node, peer, snapshot, heard[peer], peer in world, now, timeout)
-        for peer in sorted(heard) if peer != robot]
-
-
-def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connected: bool,
-                 now: float, timeout: float) -> DiagnosticStatus:
-    """Tell how it stands with one peer."""
-    values = {'heard_s': now - heard.at, 'map_age_s': now - heard.map_at, 'maps': heard.maps,
-              'bytes_received': sum(heard.received.values()),
-              'bytes_of_maps': sum(heard.received[topic] for topic in MAP_TOPICS),
-              'connected': connected,
-              'settled': peer in snapshot.settled}
-    verdict, warning = snapshot.verdicts.get(peer), ''
-    if verdict is not None:
-        rival = verdict.runner_up.probability if verdict.runner_up else 0.0
-        values |= {'overlap': verdict.overlap, 'V': verdict.verification_index,
-                   'J': verdict.performance_index[-1] if verdict.performance_index else 0.0,
-                   'probability': verdict.probability, 'runner_up': rival,
-                   'verdict': snapshot.words.get(peer, ''), 'reason': verdict.reason,
-                   'ms_per_attempt': 1e3 * sum(verdict.seconds.values())}
-    if values['heard_s'] > timeout:
-        warning = f'{peer} has been silent for {values["heard_s"]:.0f} s'
-    elif not heard.maps and heard.received[CLUSTERS]:
-        warning = f'no match with {peer} is likely yet, so its whole map was not asked for'
-    elif not heard.maps:
-        warning = f'{peer} has not sent a map'
-    elif not connected:
-        warning = verdict.reason if verdict is not None else f'{peer} is not matched yet'
-    return status(f'{node}: {peer}', peer, values, warning)
 
 
 def _marker(header: Header, name: str, kind: int, points: Array, color: ColorRGBA) -> Marker:

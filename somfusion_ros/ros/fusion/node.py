@@ -21,16 +21,16 @@ from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.maps import write_map
 from somfusion_ros.node_config import FusionNodeConfig
-from somfusion_ros.ros.common import parameters, qos
+from somfusion_ros.ros.common import names, parameters, qos
 from somfusion_ros.ros.common.diagnostics import Faults
 from somfusion_ros.ros.common.runtime import run
 from somfusion_ros.ros.common.worker import Worker
-from somfusion_ros.ros.fusion.departed_link import MemoryLink
+from somfusion_ros.ros.fusion.departed_link import DepartedLink
 from somfusion_ros.ros.fusion.discovery import Discovery
-from somfusion_ros.ros.fusion.inbox import Intake
-from somfusion_ros.ros.fusion.markers import fusion_statuses
+from somfusion_ros.ros.fusion.inbox import Inbox
 from somfusion_ros.ros.fusion.publisher import FusionPublisher
 from somfusion_ros.ros.fusion.sightings import Sightings
+from somfusion_ros.ros.fusion.status import fusion_statuses
 from somfusion_ros.ros.fusion.team_link import TeamLink
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.session import FusionSession
@@ -57,8 +57,8 @@ class FusionNode(Node):
         self._count = Faults(self.get_logger())
         self._session = FusionSession(self._name, team, self._fusion,
                                       self.get_logger().info)
-        self._intake = Intake(self._name, self._session, self._config.max_map_cells, self._count)
-        self._sightings = Sightings(self._name, self._intake.heard, self._session.take_sighting,
+        self._inbox = Inbox(self._name, self._session, self._config.max_map_cells, self._count)
+        self._sightings = Sightings(self._name, self._inbox.heard, self._session.take_sighting,
                                     self._count)
         self._global: Grid | None = None
         self._draw_due = 0.0
@@ -67,24 +67,24 @@ class FusionNode(Node):
         self._worker.start()
 
     def close(self, timeout: float) -> bool:
-        """Stop the worker; tell whether it ended in time."""
+        """Stop the worker; return whether it ended in time."""
         return self._worker.close(timeout)
 
     def _make_interfaces(self) -> None:
         """Make every topic, service and timer; all but the peers' names are relative."""
         config, waiting = self._config, MutuallyExclusiveCallbackGroup()
         self._publisher = FusionPublisher(self, self._name, config)
-        self._link = TeamLink(self, self._intake, self._count)
-        self._memory = MemoryLink(self, self._intake)
-        self._discovery = Discovery(self, self._name, config, self._link, self._intake)
-        self.create_subscription(PoseWithCovarianceStamped, 'pose',
-                                 partial(self._intake.keep_pose, self._name), qos.STREAM)
-        self.create_subscription(Path, 'path', self._intake.keep_path, qos.LATEST)
-        self.create_subscription(PoseWithCovarianceStamped, 'encounters', self._sightings.add,
-                                 qos.STREAM)
-        jobs = {'merge': self._merge, 'save_map': self._save, 'reset': self._reset}
+        self._link = TeamLink(self, self._inbox, self._count)
+        self._departed = DepartedLink(self, self._inbox)
+        self._discovery = Discovery(self, self._name, config, self._link, self._inbox)
+        self.create_subscription(PoseWithCovarianceStamped, names.ROBOT_POSE,
+                                 partial(self._inbox.keep_pose, self._name), qos.STREAM)
+        self.create_subscription(Path, names.PATH, self._inbox.keep_path, qos.LATEST)
+        self.create_subscription(PoseWithCovarianceStamped, names.ENCOUNTERS,
+                                 self._sightings.add, qos.STREAM)
+        jobs = {names.MERGE: self._merge, names.SAVE_MAP: self._save, names.RESET: self._reset}
         for name, job in jobs.items():
-            self.create_service(Trigger, f'~/{name}', partial(self._serve, job),
+            self.create_service(Trigger, name, partial(self._serve, job),
                                 callback_group=waiting)
         steady = Clock(clock_type=ClockType.STEADY_TIME)   # a paused simulation must not stop it
         self.create_timer(1.0 / config.discovery_rate, self._discover, clock=steady)
@@ -96,11 +96,11 @@ class FusionNode(Node):
         self._discovery.look()
         snapshot = self._session.snapshot
         self._link.want(snapshot.wanted & self._discovery.teams)
-        self._memory.offer(snapshot.kept_maps)
-        self._memory.fetch(snapshot.sources)
+        self._departed.offer(snapshot.kept_maps)
+        self._departed.fetch(snapshot.sources)
 
     def _work(self) -> bool:
-        """Do one piece of work in the worker; tell whether there is more."""
+        """Do one piece of work in the worker; return whether there is more."""
         self._take_messages()
         self._sightings.settle()
         snapshot = self._session.refresh(self._discovery.present)
@@ -110,8 +110,8 @@ class FusionNode(Node):
         return self._session.attempt(time.monotonic()) is not None
 
     def _take_messages(self) -> None:
-        """Take all that arrived; tell the peers of the robot's own map where it changed."""
-        own = self._intake.drain()
+        """Use all that arrived; offer the robot's own map to the peers where it changed."""
+        own = self._inbox.drain()
         if own is not None:
             self._publisher.learned(self._session.learned_own(), self._session.placed_peers())
             self._link.share(own)
@@ -134,20 +134,20 @@ class FusionNode(Node):
 
     def _publish_transforms(self) -> None:
         """Repeat what is accepted."""
-        self._publisher.transforms(self._session.snapshot, self._intake.heard,
+        self._publisher.transforms(self._session.snapshot, self._inbox.heard,
                                    self._discovery.alive)
-        poses = self._intake.heard[self._name].poses
+        poses = self._inbox.heard[self._name].poses
         if poses:
             self._link.tell_pose(poses[-1], self._config.map_frame)
 
     def _report(self) -> None:
-        """Tell /diagnostics how the node and each peer are doing."""
+        """Publish the status of the node and of each peer."""
         self._publisher.diagnostics(fusion_statuses(
             self.get_fully_qualified_name().lstrip('/'), self._name, self._session.snapshot,
-            self._intake.heard, self._count.counts(), time.monotonic(), self._config.peer_timeout))
+            self._inbox.heard, self._count.counts(), time.monotonic(), self._config.peer_timeout))
 
     def _on_parameters(self, changes: list[Any]) -> Any:
-        """Take live changes of the merge's parameters, all or none."""
+        """Apply live changes of the parameters of the merge, all or none."""
         self._fusion, result = parameters.change(self._fusion, changes)
         self._session.fusion = self._fusion
         return result
@@ -183,7 +183,7 @@ class FusionNode(Node):
 
 
 def _outcome(job: Callable[[], str]) -> tuple[bool, str]:
-    """Do a service's job; tell whether it went well, and what came of it."""
+    """Run the job of a service; return whether it went well, and its result or the reason."""
     try:
         return True, job()
     except (OSError, ValueError) as error:

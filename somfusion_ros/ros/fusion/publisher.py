@@ -17,9 +17,9 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.io.cluster_rows import cluster_rows
 from somfusion_ros.node_config import FusionNodeConfig
 from somfusion_ros.ros.common import conversions as convert
-from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.diagnostics import diagnostic_array
-from somfusion_ros.ros.common.peers import Heard, TimedPose
+from somfusion_ros.ros.common.heard import Heard, TimedPose
 from somfusion_ros.ros.common.tf import Broadcaster
 from somfusion_ros.ros.fusion.markers import matched_clusters, team_markers
 from somfusion_ros.team.screening import outline
@@ -34,14 +34,14 @@ class FusionPublisher:
         self._node, self._robot, self._config = node, robot, config
         self._transforms = Broadcaster(node)
         self._map = node.create_publisher(OccupancyGrid, config.merged_map_topic, qos.LATCHED)
-        self._relative = node.create_publisher(TransformStamped, 'relative_transforms',
+        self._relative = node.create_publisher(TransformStamped, names.RELATIVE_TRANSFORMS,
                                                qos.LATCHED_PER_PAIR)
-        self._bodies = node.create_publisher(PoseArray, 'peer_bodies', qos.LATEST)
+        self._bodies = node.create_publisher(PoseArray, names.PEER_BODIES, qos.LATEST)
         self._pose_publishers: dict[str, Any] = {}
-        self._poses = node.create_publisher(PoseArray, 'peer_poses', qos.STREAM)
-        self._clusters = node.create_publisher(PointCloud2, 'clusters', qos.LATCHED)
-        self._markers = node.create_publisher(MarkerArray, 'markers', qos.LATEST)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.STREAM)
+        self._poses = node.create_publisher(PoseArray, names.PEER_POSES, qos.STREAM)
+        self._clusters = node.create_publisher(PointCloud2, names.CLUSTERS, qos.LATCHED)
+        self._markers = node.create_publisher(MarkerArray, names.MARKERS, qos.LATEST)
+        self._diagnostics = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STREAM)
 
     def frame(self, robot: str) -> str:
         """Name of a robot's map frame in this robot's tree."""
@@ -76,7 +76,7 @@ class FusionPublisher:
                           if robot in heard and heard[robot].poses}, snapshot, stamp)
 
     def _team_poses(self, here: Mapping[str, TimedPose], snapshot: Snapshot, stamp: Time) -> None:
-        """Tell where the robots are: all in one message, and each with its covariance."""
+        """Publish where the robots are: all in one message, and each with its covariance."""
         world, frame = snapshot.world(self._robot), self._config.world_frame
         poses = {robot: Pose.from_array(compose(world[robot], item.pose))
                  for robot, item in here.items()}
@@ -94,10 +94,10 @@ class FusionPublisher:
             self._pose_of(robot).publish(convert.pose_with_covariance(pose, P, frame, stamp))
 
     def _pose_of(self, robot: str) -> Any:
-        """Give the publisher of one robot's pose."""
+        """Return the publisher of one robot's pose."""
         if robot not in self._pose_publishers:
             self._pose_publishers[robot] = self._node.create_publisher(
-                PoseWithCovarianceStamped, f'peer_poses/{robot}', qos.STREAM)
+                PoseWithCovarianceStamped, f'{names.PEER_POSES}/{robot}', qos.STREAM)
         return self._pose_publishers[robot]
 
     def learned(self, learned: LearnedMap, peers: Iterable[tuple[LearnedMap, Pose]]) -> None:
@@ -118,5 +118,5 @@ class FusionPublisher:
         self._diagnostics.publish(diagnostic_array(self._now(), list(statuses)))
 
     def _now(self) -> Time:
-        """Give the node's time."""
+        """Return the node's time."""
         return self._node.get_clock().now().to_msg()

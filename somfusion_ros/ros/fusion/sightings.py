@@ -10,7 +10,7 @@ from typing import NamedTuple
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.ros.common import conversions as convert
-from somfusion_ros.ros.common.peers import from_sighting, Heard
+from somfusion_ros.ros.common.heard import from_sighting, Heard
 from somfusion_ros.team.graph import Edge
 
 PATIENCE = 3.0    # [s] that a sighting waits for newer poses
@@ -36,7 +36,7 @@ class Sightings:
         self._waiting: deque[Sighting] = deque(maxlen=KEPT)
 
     def add(self, message: PoseWithCovarianceStamped) -> None:
-        """Take a sighting: header.frame_id names the peer."""
+        """Keep a sighting: header.frame_id names the peer."""
         try:
             self._waiting.append(Sighting(
                 message.header.frame_id.strip('/'), convert.seconds(message.header.stamp),

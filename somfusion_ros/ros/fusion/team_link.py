@@ -17,10 +17,10 @@ from uuid import uuid4
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import pose_with_covariance, time_message
-from somfusion_ros.ros.common.peers import CHANGES, CLUSTERS, MAP, POSE, STATE, TimedPose
-from somfusion_ros.ros.fusion.inbox import Intake
+from somfusion_ros.ros.common.heard import TimedPose
+from somfusion_ros.ros.fusion.inbox import Inbox
 from somfusion_ros.ros.fusion.team_messages import (bytes_message, State, state_from_message,
                                                     state_message)
 from somfusion_ros.team.departed import Kept
@@ -36,38 +36,39 @@ STOOD_STILL = 0.02     # [m, rad] below which a pose is not told again
 class TeamLink:
     """One robot's end of all links."""
 
-    def __init__(self, node: Any, intake: Intake, count: Callable[..., None]) -> None:
-        self._node, self._intake, self._count = node, intake, count
+    def __init__(self, node: Any, inbox: Inbox, count: Callable[..., None]) -> None:
+        self._node, self._inbox, self._count = node, inbox, count
         self._session = uuid4().hex[:12]
-        self._encoder, self._cells = MapEncoder(), None
-        self._sent: dict[str, bytes | None] = {MAP: None, CHANGES: None}
+        self._encoder = MapEncoder()
+        self._cells: Cells | None = None
+        self._sent: dict[str, bytes | None] = {names.TEAM_MAP: None, names.TEAM_MAP_CHANGES: None}
         self._said: tuple[str, float] = '', 0.0
         self._told = np.full(3, np.inf)
         self._wanted: set[str] = set()
         self._clusters: dict[str, Any] = {}
-        self._state = node.create_publisher(String, STATE, qos.LATCHED)
-        self._pose = node.create_publisher(PoseWithCovarianceStamped, POSE, qos.LATCHED)
+        self._state = node.create_publisher(String, names.TEAM_STATE, qos.LATCHED)
+        self._pose = node.create_publisher(PoseWithCovarianceStamped, names.TEAM_POSE, qos.LATCHED)
         self._streams = {topic: node.create_publisher(UInt8MultiArray, topic, qos.LATCHED)
-                         for topic in (MAP, CHANGES)}
-        node.create_subscription(String, STATE, self._on_own_state, qos.LATCHED)
+                         for topic in (names.TEAM_MAP, names.TEAM_MAP_CHANGES)}
+        node.create_subscription(String, names.TEAM_STATE, self._on_own_state, qos.LATCHED)
 
     def listen(self, peer: str) -> None:
-        """Hear what a peer tells everybody."""
-        self._subscribe(String, peer, STATE)
-        self._clusters[peer] = self._subscribe(PointCloud2, peer, CLUSTERS)
-        self._node.create_subscription(PoseWithCovarianceStamped, f'/{peer}/{POSE}',
-                                       partial(self._intake.keep_pose, peer), qos.LATCHED)
+        """Subscribe to what a peer publishes always."""
+        self._subscribe(String, peer, names.TEAM_STATE)
+        self._clusters[peer] = self._subscribe(PointCloud2, peer, names.CLUSTERS)
+        self._node.create_subscription(PoseWithCovarianceStamped, f'/{peer}/{names.TEAM_POSE}',
+                                       partial(self._inbox.keep_pose, peer), qos.LATCHED)
 
     def want(self, peers: Collection[str]) -> None:
-        """Hear the maps of some peers from now on, and their clusters no more."""
+        """Subscribe to the maps of some peers, in place of their clusters."""
         for peer in set(peers) - self._wanted:
             self._wanted.add(peer)
             self._node.destroy_subscription(self._clusters.pop(peer))
-            for topic in (MAP, CHANGES):
+            for topic in (names.TEAM_MAP, names.TEAM_MAP_CHANGES):
                 self._subscribe(UInt8MultiArray, peer, topic)
 
     def say(self, edges: Collection[Edge], kept: Collection[Kept], now: float) -> None:
-        """Tell what the robot accepts and keeps, if that changed or was not said for a while."""
+        """Publish what the robot accepts and keeps, where it changed or a heartbeat is due."""
         message = state_message(State(self._session, tuple(edges), tuple(kept)))
         text, at = self._said
         if message.data != text or now - at >= HEARTBEAT:
@@ -75,32 +76,33 @@ class TeamLink:
             self._state.publish(message)
 
     def tell_pose(self, here: TimedPose, frame: str) -> None:
-        """Tell where the robot is, if it moved."""
+        """Publish where the robot is, if it moved."""
         if np.abs(np.subtract(here.pose, self._told)).max() >= STOOD_STILL:
             self._told = np.array(here.pose)
             self._pose.publish(pose_with_covariance(here.pose, here.covariance, frame,
                                                     time_message(here.stamp)))
 
     def share(self, cells: Cells) -> None:
-        """Take the robot's newest map, for those who want it."""
+        """Keep the robot's newest map for those who ask for it."""
         self._cells = cells
 
     def flush(self) -> None:
         """Send the map, or what changed of it, where somebody listens and has not got it yet."""
-        if not self._streams[MAP].get_subscription_count():
+        if not self._streams[names.TEAM_MAP].get_subscription_count():
             return
         if self._cells is not None:
             self._encoder.encode(self._cells)
             self._cells = None
-        for topic, data in ((MAP, self._encoder.key or None), (CHANGES, self._encoder.change)):
+        for topic, data in ((names.TEAM_MAP, self._encoder.key or None),
+                            (names.TEAM_MAP_CHANGES, self._encoder.change)):
             if data is not None and data is not self._sent[topic]:
                 self._sent[topic] = data
                 self._streams[topic].publish(bytes_message(data))
 
     def _subscribe(self, kind: type, peer: str, topic: str) -> Any:
-        """Hear one topic of a peer."""
+        """Subscribe to one topic of a peer."""
         return self._node.create_subscription(kind, f'/{peer}/{topic}', partial(
-            self._intake.keep, peer, topic), qos.LATCHED)
+            self._inbox.keep, peer, topic), qos.LATCHED)
 
     def _on_own_state(self, message: String) -> None:
         """Notice another robot under this one's name."""

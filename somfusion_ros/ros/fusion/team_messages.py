@@ -17,7 +17,7 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.ros.common.conversions import CLUSTER_FIELDS
+from somfusion_ros.io.cluster_rows import CLUSTER_FIELDS
 from somfusion_ros.team.departed import Kept
 from somfusion_ros.team.graph import Edge
 from somfusion_ros.team.shared_map import FARTHEST

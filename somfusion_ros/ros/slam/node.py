@@ -24,7 +24,7 @@ from somfusion_ros.io.frame_tree import Mount
 from somfusion_ros.io.maps import write_map
 from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.ros.common import conversions as convert
-from somfusion_ros.ros.common import parameters, qos
+from somfusion_ros.ros.common import names, parameters, qos
 from somfusion_ros.ros.common.diagnostics import Faults
 from somfusion_ros.ros.common.runtime import run
 from somfusion_ros.ros.common.tf import Mounts
@@ -62,7 +62,8 @@ class SlamNode(Node):
         self._ticks = 0
         self._last = Last(reported=(0, time.monotonic()))
         self._map: OccupancyGrid | None = None
-        self._map_due, self._drawn = 0.0, state
+        self._map_due = 0.0
+        self._drawn: Any = state   # what the map was drawn after: a step, or a state
         if state is not None:
             self._last.stamp = convert.time_message(self._session.slam.last_stamp)
         self._tracker = Worker(self._process, self._on_worker_error, TICK)
@@ -72,7 +73,7 @@ class SlamNode(Node):
         self._worker.start()
 
     def close(self, timeout: float) -> bool:
-        """Stop both threads; tell whether they ended in time."""
+        """Stop both threads; return whether they ended in time."""
         ended = self._tracker.close(timeout)
         ended = self._worker.close(timeout) and ended
         if ended:
@@ -81,16 +82,16 @@ class SlamNode(Node):
 
     def _make_interfaces(self) -> None:
         """Make every topic, service and timer; all names are relative."""
-        scans = self.create_subscription(LaserScan, 'scan', self._on_scan, qos.SENSOR_DATA,
+        scans = self.create_subscription(LaserScan, names.SCAN, self._on_scan, qos.SENSOR_DATA,
                                          qos_overriding_options=qos.overridable())
         self._bodies = PeerBodies(self, self._config.peer_radius)
         self._odometry = OdometryInput(self, self._config, self._on_odometry, self._count)
         self._inputs = f'{scans.topic_name}, {self._odometry.topic}'
         # A group of its own: while it waits for the worker, the other callbacks go on.
-        self.create_service(Trigger, '~/save_map', self._save_map,
+        self.create_service(Trigger, names.SAVE_MAP, self._save_map,
                             callback_group=MutuallyExclusiveCallbackGroup())
-        self.create_service(Trigger, '~/reset', self._reset)
-        self.create_service(GetMap, 'dynamic_map', self._dynamic_map)
+        self.create_service(Trigger, names.RESET, self._reset)
+        self.create_service(GetMap, names.DYNAMIC_MAP, self._dynamic_map)
         steady = Clock(clock_type=ClockType.STEADY_TIME)   # a paused simulation must not stop it
         self.create_timer(TICK, self._tick, clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
@@ -111,7 +112,7 @@ class SlamNode(Node):
         self._tracker.wake()
 
     def _mount_of(self, laser: str) -> Mount | None:
-        """Give the mount of a laser; None, kept with the reason, where there is none to use."""
+        """Return the mount of a laser; None, with the reason kept, where there is none to use."""
         base, self._last.lacking = self._config.base_frame, ''
         try:
             mount = self._mounts.find(base, laser)
@@ -129,7 +130,7 @@ class SlamNode(Node):
         self._tracker.wake()
 
     def _process(self) -> bool:
-        """Follow the robot through one scan that odometry covers; tell whether there was one."""
+        """Follow the robot through one scan that odometry covers; return whether there was one."""
         start = time.perf_counter()
         found = next(self._session.steps(self._ticks * TICK), None)
         if found is None or self._tracker.stopping:
@@ -157,7 +158,7 @@ class SlamNode(Node):
             self._publisher.transform(self._last.step, self._last.stamp)
 
     def _work(self) -> bool:
-        """Close one loop or draw the map, in the worker; tell whether there is more."""
+        """Close one loop or draw the map, in the worker; return whether there is more."""
         more = self._session.slam.work()
         if time.monotonic() >= self._map_due and self._last.step is not self._drawn:
             self._drawn = self._last.step
@@ -175,7 +176,7 @@ class SlamNode(Node):
         return grid
 
     def _report(self) -> None:
-        """Tell /diagnostics how the node is doing, and the log where nothing comes out."""
+        """Publish the status of the node, and log why nothing comes out."""
         self._last.odometry_heard = self._odometry.heard
         kind, reason = silence(self._last, time.monotonic())
         if kind:
@@ -185,7 +186,7 @@ class SlamNode(Node):
             self._session.slam, self._count.counts(), time.monotonic()))
 
     def _on_parameters(self, changes: list[Any]) -> Any:
-        """Take live changes, all or none."""
+        """Apply live changes, all or none."""
         config, result = parameters.change(self._config, changes)
         if result.successful:
             self._slam_config, result = parameters.change(self._slam_config, changes)
@@ -198,7 +199,7 @@ class SlamNode(Node):
         self._count('worker_errors', repr(error))
 
     def _dynamic_map(self, request: Any, response: GetMap.Response) -> GetMap.Response:
-        """Give the map as published last."""
+        """Answer with the map as published last."""
         if self._map is not None:
             response.map = self._map
         return response
@@ -211,7 +212,7 @@ class SlamNode(Node):
         return response
 
     def _save(self) -> tuple[bool, str]:
-        """Write map.yaml and map.pgm; tell whether it went well, and the path or the reason."""
+        """Write map.yaml and map.pgm; return whether it went well, and the path or the reason."""
         try:
             return True, str(write_map(self._config.map_directory, self._publish_map()))
         except OSError as error:

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from somfusion_ros.geometry import Array
 from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.ros.common import conversions as convert
-from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common import names, qos
 from somfusion_ros.slam.motion import WheelOdometry
 
 
@@ -30,10 +30,10 @@ class OdometryInput:
         self.heard = float('-inf')
         options = {'qos_overriding_options': qos.overridable()}
         if config.odometry_source == 'odom':
-            made = node.create_subscription(Odometry, 'odom', self._on_odometry,
+            made = node.create_subscription(Odometry, names.ODOMETRY, self._on_odometry,
                                             qos.SENSOR_DATA, **options)
         else:
-            made = node.create_subscription(JointState, 'joint_states', self._on_joint_states,
+            made = node.create_subscription(JointState, names.JOINT_STATES, self._on_joint_states,
                                             qos.SENSOR_DATA, **options)
         self.topic = made.topic_name
 

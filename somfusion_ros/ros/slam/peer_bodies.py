@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the other robots are, for slam_node: fusion_node tells it on `peer_bodies`."""
+"""The places of the other robots, which fusion_node publishes on `peer_bodies`."""
 
 import time
 from typing import Any
@@ -8,14 +8,14 @@ from typing import Any
 from geometry_msgs.msg import PoseArray
 import numpy as np
 from somfusion_ros.geometry import Array
-from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import pose_from_message
 from somfusion_ros.slam.bodies import hide_bodies
 from somfusion_ros.slam.scan import Scan
-from somfusion_ros.slam.slam import Step
+from somfusion_ros.slam.step import Step
 
-FORGOTTEN = 5.0   # [s] after which the places of the others are not known any more
-MOST = 64         # robots that are looked for in a scan
+FORGOTTEN = 5.0   # [s] after which a place is too old to be used
+MOST = 64         # robots that are looked for in one scan
 
 
 class PeerBodies:
@@ -25,16 +25,16 @@ class PeerBodies:
         self._radius = radius
         self._bodies: Array = np.empty((0, 2))
         self._heard = float('-inf')
-        node.create_subscription(PoseArray, 'peer_bodies', self._on_bodies, qos.LATEST)
+        node.create_subscription(PoseArray, names.PEER_BODIES, self._on_bodies, qos.LATEST)
 
     def hide(self, scan: Scan, last: Step | None) -> Scan:
-        """Leave out what a scan saw of other robots, as far as the last step tells where it is."""
+        """Return a scan without its returns from other robots; the last step says where it was."""
         if last is None or not self._radius or time.monotonic() - self._heard > FORGOTTEN:
             return scan
         return hide_bodies(scan, last.pose, self._bodies, self._radius)
 
     def _on_bodies(self, message: PoseArray) -> None:
-        """Keep the newest places; such that are not finite are nowhere."""
+        """Keep the newest places; leave out those that are not finite."""
         found = []
         for pose in message.poses[:MOST]:
             try:

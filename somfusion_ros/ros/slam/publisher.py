@@ -11,10 +11,11 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from somfusion_ros.grid import Grid
 from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.ros.common import conversions as convert
-from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.diagnostics import diagnostic_array
 from somfusion_ros.ros.common.tf import Broadcaster
-from somfusion_ros.slam.slam import Slam, Step
+from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.step import Step
 
 
 class SlamPublisher:
@@ -23,11 +24,12 @@ class SlamPublisher:
     def __init__(self, node: Any, config: SlamNodeConfig) -> None:
         self._node, self._config = node, config
         self._transforms = Broadcaster(node)
-        self._map = node.create_publisher(OccupancyGrid, 'map', qos.LATCHED)
-        self._metadata = node.create_publisher(MapMetaData, 'map_metadata', qos.LATCHED)
-        self._pose = node.create_publisher(PoseWithCovarianceStamped, 'pose', qos.STREAM)
-        self._path = node.create_publisher(Path, 'path', qos.LATEST)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos.STREAM)
+        self._map = node.create_publisher(OccupancyGrid, names.MAP, qos.LATCHED)
+        self._metadata = node.create_publisher(MapMetaData, names.MAP_METADATA, qos.LATCHED)
+        self._pose = node.create_publisher(PoseWithCovarianceStamped, names.ROBOT_POSE,
+                                           qos.STREAM)
+        self._path = node.create_publisher(Path, names.PATH, qos.LATEST)
+        self._diagnostics = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STREAM)
         self.sends_transforms = (config.transform_publish_period > 0
                                  and self._transforms.available)
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from somfusion_ros.ros.common.diagnostics import status
-from somfusion_ros.slam.slam import Slam, Step
+from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.step import Step
 
 SILENT = 2.0   # [s] without scans or odometry that are worth a warning
 

@@ -1,0 +1,31 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+All ROS names of the package in one place: topics, services, types.
+
+Every name is relative, so that a namespace is all that a second robot needs. Those that stand
+below another robot's name are found as `/<robot>/<name>`.
+"""
+
+# One robot's SLAM.
+SCAN, ODOMETRY, JOINT_STATES = 'scan', 'odom', 'joint_states'
+MAP, MAP_METADATA, ROBOT_POSE, PATH = 'map', 'map_metadata', 'pose', 'path'
+DYNAMIC_MAP = 'dynamic_map'
+
+# The team, for those who use its results.
+RELATIVE_TRANSFORMS, PEER_POSES, PEER_BODIES = 'relative_transforms', 'peer_poses', 'peer_bodies'
+CLUSTERS, MARKERS, ENCOUNTERS = 'clusters', 'markers', 'encounters'
+
+# What fusion nodes tell one another: states and poses always, maps to those who ask.
+TEAM_STATE, TEAM_POSE = 'team/state', 'team/pose'
+TEAM_MAP, TEAM_MAP_CHANGES = 'team/map', 'team/map_changes'
+TEAM_KEPT = 'team/kept'    # followed by the name of the robot that is gone
+MAP_TOPICS = (MAP, TEAM_MAP, TEAM_MAP_CHANGES)
+
+# Services below each node's name.
+SAVE_MAP, RESET, MERGE = '~/save_map', '~/reset', '~/merge'
+
+# Absolute, as everywhere in ROS: remapped where a robot has a tree of its own.
+TF, TF_STATIC, DIAGNOSTICS = '/tf', '/tf_static', '/diagnostics'
+
+MAP_TYPE, STATE_TYPE = 'nav_msgs/msg/OccupancyGrid', 'std_msgs/msg/String'

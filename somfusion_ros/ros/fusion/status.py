@@ -1,0 +1,53 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What fusion_node tells /diagnostics: how the node is doing, and how each peer."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from somfusion_ros.ros.common import names
+from somfusion_ros.ros.common.diagnostics import status
+from somfusion_ros.ros.common.heard import Heard
+from somfusion_ros.team.session import Snapshot
+
+
+def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],
+                    faults: Mapping[str, int], now: float,
+                    timeout: float) -> list[DiagnosticStatus]:
+    """One status of the node, and one per peer."""
+    world = snapshot.world(robot)
+    values = {'peers': len(heard) - 1, 'connected': ', '.join(sorted(world)) or 'nobody',
+              'dropped': '; '.join(d.reason for d in snapshot.solution.dropped),
+              'transform_jumps': snapshot.jumps, **faults}
+    silent = '' if heard[robot].maps else "the robot's own map has not come yet"
+    return [status(node, robot, values, silent)] + [
+        _peer_status(node, peer, snapshot, heard[peer], peer in world, now, timeout)
+        for peer in sorted(heard) if peer != robot]
+
+
+def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connected: bool,
+                 now: float, timeout: float) -> DiagnosticStatus:
+    """Describe one peer: what was heard, the verdict, and what is missing."""
+    values: dict[str, Any] = {
+        'heard_s': now - heard.at, 'map_age_s': now - heard.map_at, 'maps': heard.maps,
+        'bytes_received': sum(heard.received.values()),
+        'bytes_of_maps': sum(heard.received[topic] for topic in names.MAP_TOPICS),
+        'connected': connected, 'settled': peer in snapshot.settled}
+    verdict, warning = snapshot.verdicts.get(peer), ''
+    if verdict is not None:
+        rival = verdict.runner_up.probability if verdict.runner_up else 0.0
+        values |= {'overlap': verdict.overlap, 'V': verdict.verification_index,
+                   'J': verdict.performance_index[-1] if verdict.performance_index else 0.0,
+                   'probability': verdict.probability, 'runner_up': rival,
+                   'verdict': snapshot.words.get(peer, ''), 'reason': verdict.reason,
+                   'ms_per_attempt': 1e3 * sum(verdict.seconds.values())}
+    if values['heard_s'] > timeout:
+        warning = f'{peer} has been silent for {values["heard_s"]:.0f} s'
+    elif not heard.maps and heard.received[names.CLUSTERS]:
+        warning = f'no match with {peer} is likely yet, so its whole map was not asked for'
+    elif not heard.maps:
+        warning = f'{peer} has not sent a map'
+    elif not connected:
+        warning = verdict.reason if verdict is not None else f'{peer} is not matched yet'
+    return status(f'{node}: {peer}', peer, values, warning)
