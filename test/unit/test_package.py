@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 from helpers import ROOT
 import pytest
 import somfusion_ros
+from somfusion_ros.ros.common import names
 
 MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()
 SETUP = (ROOT / 'setup.py').read_text(encoding='utf-8')
