@@ -29,9 +29,9 @@ OLDEST_PYTHON := $(shell for p in python3.10 python3.11 $(PYTHON); do \
                      $$p -c 'import venv' 2>/dev/null && echo $$p && break; done)
 
 SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
-           $(shell find somfusion_ros -name '*.py')
+           $(shell find somfusion_ros -name '*.py' -o -name '*.json' -o -name py.typed)
 
-.PHONY: demo test oldest lint setup tf2_msgs clean
+.PHONY: demo test test-fast oldest lint setup tf2_msgs clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.package
@@ -40,12 +40,17 @@ demo: $(VENV)/.package
 test: $(VENV)/.package
 	ROS_PYTHON_CHECK_FIELDS=1 $(BIN)/python -m pytest $(TESTS)
 
+# What to run after every change: a minute.
+test-fast: $(VENV)/.package
+	$(BIN)/python -m pytest -m 'not slow and not newest' test/unit
+
 # The core and the commands without ROS, with the oldest versions of all that they need.
 oldest: $(OLDEST)/.dependencies
 	env -u CI $(OLDEST)/bin/python -m pytest -m 'not system and not newest' test/unit
 
 lint: $(VENV)/.package
-	$(BIN)/python -m pytest test/unit/test_style.py test/unit/test_architecture.py
+	$(BIN)/python -m pytest test/unit/test_style.py test/unit/test_types.py \
+	    test/unit/test_architecture.py
 
 setup: $(VENV)/.package
 

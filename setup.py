@@ -18,6 +18,7 @@ setup(
     license='Apache-2.0',
     keywords=['ROS', 'SLAM', 'multi-robot', 'map merging'],
     packages=find_packages(exclude=['test', 'benchmarks']),
+    package_data={NAME: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

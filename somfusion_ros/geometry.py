@@ -6,7 +6,7 @@ Rigid motions of the plane, SE(2).
 A pose is three numbers x [m], y [m], theta [rad], counter-clockwise positive, written
 `T_target_source`: it takes points of the source frame into the target frame. All functions
 take a `Pose` or arrays whose last axis holds (x, y, theta), and broadcast over leading axes.
-Single poses are by far most of the calls; plain numbers are several times faster for them.
+Most calls are about a single pose, for which plain numbers are several times faster than arrays.
 """
 
 from collections.abc import Iterable
@@ -28,7 +28,7 @@ class Pose(NamedTuple):
 
     @classmethod
     def from_array(cls, values: Iterable[float]) -> 'Pose':
-        """Make a pose of three numbers; ValueError unless they are finite."""
+        """Make a pose of three numbers; ValueError unless all are finite."""
         x, y, theta = (float(v) for v in values)
         if not np.isfinite((x, y, theta)).all():
             raise ValueError(f'pose is not finite: ({x}, {y}, {theta})')
@@ -36,14 +36,15 @@ class Pose(NamedTuple):
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """Bring angles [rad] into [-pi, pi)."""
+    """Wrap angles [rad] into [-pi, pi)."""
     if not isinstance(angle, float):
         angle = np.asarray(angle, dtype=float)
-    return (angle + pi) % (2.0 * pi) - pi
+    wrapped: Array = (angle + pi) % (2.0 * pi) - pi
+    return wrapped
 
 
 def rotation(theta: ArrayLike) -> Array:
-    """Rotation matrices (..., 2, 2) of angles (...) [rad]."""
+    """Return the rotation matrices (..., 2, 2) of angles (...) [rad]."""
     if isinstance(theta, float):
         c, s = cos(theta), sin(theta)
         return np.array(((c, -s), (s, c)))
@@ -54,7 +55,12 @@ def rotation(theta: ArrayLike) -> Array:
 
 
 def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> Array:
-    """T_a_c = T_a_b * T_b_c, shape (..., 3)."""
+    """
+    Return T_a_c = T_a_b * T_b_c, shape (..., 3).
+
+    >>> compose((1.0, 0.0, np.pi / 2.0), (2.0, 0.0, 0.0)).round(3).tolist()
+    [1.0, 2.0, 1.571]
+    """
     a, b = np.asarray(T_a_b, dtype=float), np.asarray(T_b_c, dtype=float)
     if a.ndim == b.ndim == 1:
         (x, y, theta), (u, v, turn) = a.tolist(), b.tolist()
@@ -66,14 +72,14 @@ def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> Array:
 
 
 def _pose(x: Array, y: Array, theta: Array) -> Array:
-    """Poses (..., 3) of their parts; numpy's own stack is slow for a single pose."""
+    """Return poses (..., 3) of their parts; numpy's own stack is slow for a single pose."""
     pose = np.empty((*np.shape(x), 3))
     pose[..., 0], pose[..., 1], pose[..., 2] = x, y, wrap(theta)
     return pose
 
 
 def inverse(T_a_b: ArrayLike) -> Array:
-    """T_b_a, shape (..., 3)."""
+    """Return T_b_a, shape (..., 3)."""
     a = np.asarray(T_a_b, dtype=float)
     if a.ndim == 1:
         x, y, theta = a.tolist()
@@ -84,21 +90,22 @@ def inverse(T_a_b: ArrayLike) -> Array:
 
 
 def between(T_w_a: ArrayLike, T_w_b: ArrayLike) -> Array:
-    """T_a_b, the pose of b seen from a, shape (..., 3)."""
+    """Return T_a_b, the pose of b seen from a, shape (..., 3)."""
     return compose(inverse(T_w_a), T_w_b)
 
 
 def difference(a: Array, b: Array) -> Array:
-    """Residual a - b (3,) of two poses in one frame, its angle wrapped."""
+    """Return the residual a - b (3,) of two poses in one frame, its angle wrapped."""
     d = a - b
     d[2] = wrap(d[2])
     return d
 
 
 def apply(T_target_source: ArrayLike, points: ArrayLike) -> Array:
-    """Take points (N, 2) [m] of the source frame into the target frame."""
+    """Transform points (N, 2) [m] of the source frame into the target frame."""
     pose = np.asarray(T_target_source, dtype=float)
-    return np.asarray(points, dtype=float) @ rotation(pose[2]).T + pose[:2]
+    moved: Array = np.asarray(points, dtype=float) @ rotation(pose[2]).T + pose[:2]
+    return moved
 
 
 def place(poses: Array, points: Array) -> NDArray[np.float32]:
@@ -112,7 +119,7 @@ def place(poses: Array, points: Array) -> NDArray[np.float32]:
 
 
 def compose_jacobians(T_a_b: ArrayLike, T_b_c: ArrayLike) -> tuple[Array, Array]:
-    """Jacobians (3, 3) of `compose` in its first and its second argument."""
+    """Return the Jacobians (3, 3) of `compose` in its first and its second argument."""
     _, _, theta = np.asarray(T_a_b, dtype=float).tolist()
     u, v, _ = np.asarray(T_b_c, dtype=float).tolist()
     c, s = cos(theta), sin(theta)
@@ -121,7 +128,7 @@ def compose_jacobians(T_a_b: ArrayLike, T_b_c: ArrayLike) -> tuple[Array, Array]
 
 
 def between_jacobians(T_w_a: ArrayLike, T_w_b: ArrayLike) -> tuple[Array, Array]:
-    """Jacobians (..., 3, 3) of `between` in its first and its second argument."""
+    """Return the Jacobians (..., 3, 3) of `between` in its first and its second argument."""
     a, b = np.asarray(T_w_a, dtype=float), np.asarray(T_w_b, dtype=float)
     if a.ndim == b.ndim == 1:
         (x, y, theta), (u, v, _) = a.tolist(), b.tolist()
@@ -140,7 +147,7 @@ def between_jacobians(T_w_a: ArrayLike, T_w_b: ArrayLike) -> tuple[Array, Array]
 
 
 def squared_mahalanobis(y: Array, S: Array) -> float:
-    """Distance y' inv(S) y of three numbers (3,) with positive definite covariance S (3, 3)."""
+    """Return y' inv(S) y of a vector y (3,) and a positive definite covariance S (3, 3)."""
     (a, b, c), (_, d, e), (_, _, f) = S.tolist()
     y0, y1, y2 = y.tolist()
     p, q = b / a, c / a                       # S = L D L', solved forward
@@ -149,17 +156,29 @@ def squared_mahalanobis(y: Array, S: Array) -> float:
     f -= q * c + r * r * d
     y1 -= p * y0
     y2 -= q * y0 + r * y1
-    return y0 * y0 / a + y1 * y1 / d + y2 * y2 / f
+    return float(y0 * y0 / a + y1 * y1 / d + y2 * y2 / f)
 
 
 def fit(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None) -> Pose:
     """
-    Least-squares T_target_source of matched points (Umeyama 1991 without scale).
+    Return the least-squares T_target_source of matched points.
 
     Parameters
     ----------
-    source, target : (N, 2) matched points [m], N >= 2
-    weights : (N,) non-negative weights, default all one
+    source, target : (N, 2) array of float
+        Matched points [m], N >= 2.
+    weights : (N,) array of float, optional
+        Not negative; one each by default.
+
+    Raises
+    ------
+    ValueError
+        Where the sets differ in size or hold fewer than two points.
+
+    References
+    ----------
+    S. Umeyama, "Least-squares estimation of transformation parameters between two point
+    patterns", PAMI 1991; without its scale.
     """
     p, q = np.asarray(source, dtype=float), np.asarray(target, dtype=float)
     if p.shape != q.shape or p.ndim != 2 or p.shape[1] != 2 or len(p) < 2:
@@ -169,4 +188,5 @@ def fit(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None = None) 
     p_mean, q_mean = w @ p, w @ q
     a, b = p - p_mean, q - q_mean
     theta = np.arctan2(w @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), w @ (a * b).sum(1))
-    return Pose(*(q_mean - rotation(theta) @ p_mean), float(theta))
+    x, y = q_mean - rotation(theta) @ p_mean
+    return Pose(float(x), float(y), float(theta))

@@ -3,13 +3,13 @@
 """
 Occupancy grids as evidence.
 
-The whole core works on evidence C in [-1, 1]: negative is occupied, positive is free, 0 is
+The whole core works on evidence C in [-1, 1]: negative is occupied, positive is free, and 0 is
 unknown (the paper's map uncertainty, section II-B). Row 0 is the lowest y, as in
 nav_msgs/OccupancyGrid; cell (row, column) covers [column, column + 1) x [row, row + 1) times the
 resolution in the grid's own frame, which `T_frame_grid` places in the map frame.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,16 +18,34 @@ from somfusion_ros.geometry import apply, Array, inverse, Pose
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 MAX_CELLS = 16384 * 16384
-OCCUPIED_BELOW = -0.3   # a Nav2 user calls a cell a wall at p > 0.65
-FREE_ABOVE = 0.6        # and free at p < 0.2
+OCCUPIED_BELOW = -0.3   # the threshold at which Nav2 calls a cell a wall: p > 0.65
+FREE_ABOVE = 0.6        # and free: p < 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """
-    A map: evidence (H, W) float32 in [-1, 1], resolution [m / cell], pose of its corner.
+    A map of one robot, or of several.
 
-    Raises ValueError with a one-line reason on anything that is not a usable grid.
+    Parameters
+    ----------
+    evidence : (H, W) array of float
+        In [-1, 1]: negative for walls, 0 for unknown, positive for free; kept as float32.
+    resolution : float
+        Edge of a cell [m].
+    T_frame_grid : Pose
+        The corner of cell (0, 0) in the map frame.
+
+    Raises
+    ------
+    ValueError
+        In one line, on anything that is not a usable grid.
+
+    Examples
+    --------
+    >>> grid = Grid(np.array([[1.0, -1.0], [0.0, 1.0]]), 0.05)
+    >>> grid.to_occupancy().tolist()
+    [[0, 100], [-1, 0]]
     """
 
     evidence: NDArray[np.float32]
@@ -46,7 +64,7 @@ class Grid:
 
     @classmethod
     def from_occupancy(cls, cells: ArrayLike, resolution: float,
-                       origin: Iterable[float] = (0.0, 0.0, 0.0)) -> 'Grid':
+                       origin: Sequence[float] = (0.0, 0.0, 0.0)) -> 'Grid':
         """
         Convert nav_msgs/OccupancyGrid cells.
 
@@ -86,15 +104,16 @@ class Grid:
         return cls(table[index], resolution, Pose.from_array(origin))
 
     def to_occupancy(self) -> NDArray[np.int8]:
-        """Cells (H, W) of nav_msgs/OccupancyGrid: -1 where the evidence is 0, else 0..100."""
-        percent = np.rint(50.0 * (1.0 - self.evidence)).astype(np.int8)
+        """Return the cells (H, W) of nav_msgs/OccupancyGrid: -1 for unknown, else 0..100."""
+        percent: NDArray[np.int8] = np.rint(50.0 * (1.0 - self.evidence)).astype(np.int8)
         percent[self.evidence == 0.0] = UNKNOWN
         return percent
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows (along y) and columns (along x)."""
-        return self.evidence.shape
+        """Number of rows (along y) and of columns (along x)."""
+        rows, columns = self.evidence.shape
+        return rows, columns
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
@@ -109,25 +128,27 @@ class Grid:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Mask (H, W) of cells about which anything is known."""
-        return self.evidence != 0.0
+        known: NDArray[np.bool_] = self.evidence != 0.0
+        return known
 
     def points(self, mask: NDArray[np.bool_]) -> Array:
-        """Centres (N, 2) [m], in the map frame, of the cells of a mask (H, W), row by row."""
+        """Return the centres (N, 2) [m] in the map frame of a mask's (H, W) cells, row by row."""
         rows, columns = np.nonzero(mask)
         return self.cell_to_point(np.column_stack([rows, columns]))
 
     def cell_to_point(self, cells: ArrayLike) -> Array:
-        """Centres (N, 2) [m] in the map frame of cells (N, 2) given as (row, column)."""
+        """Return the centres (N, 2) [m] in the map frame of cells (N, 2), (row, column)."""
         cells = np.asarray(cells, dtype=float).reshape(-1, 2)
         return apply(self.T_frame_grid, (cells[:, ::-1] + 0.5) * self.resolution)
 
     def point_to_cell(self, points: ArrayLike) -> NDArray[np.intp]:
-        """Cells (N, 2) as (row, column) that hold map points (N, 2) [m]; may lie outside."""
+        """Return the cells (N, 2), (row, column), of map points (N, 2) [m]; may lie outside."""
         local = apply(inverse(self.T_frame_grid), np.asarray(points, dtype=float).reshape(-1, 2))
-        return np.floor(local / self.resolution).astype(np.intp)[:, ::-1]
+        cells: NDArray[np.intp] = np.floor(local / self.resolution).astype(np.intp)[:, ::-1]
+        return cells
 
 
-def _check(cells: ArrayLike, resolution: float, origin: Iterable[float]) -> None:
+def _check(cells: ArrayLike, resolution: float, origin: Sequence[float]) -> None:
     """Raise ValueError, naming what is wrong, unless the parts make a grid."""
     shape = np.shape(cells)
     if len(shape) != 2 or 0 in shape:

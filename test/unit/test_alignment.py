@@ -64,6 +64,7 @@ def corridor(seed: int, length: float, width: float = 2.0) -> Grid:
     return Grid(np.where(wall, -1.0, free).astype(np.float32), r)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(theta=st.floats(-3.1, 3.1), x=st.floats(-30, 30), size=st.sampled_from([8.0, 14.0, 25.0]),
        resolutions=st.tuples(*[st.sampled_from([0.03, 0.05, 0.1])] * 2), seed=st.integers(0, 99))

@@ -121,6 +121,7 @@ def test_core_names_no_ros(path: Path) -> None:
         assert not {n.split('.')[0] for n in imports_of(path)} & ROS_NAMES
 
 
+@pytest.mark.slow
 def test_core_and_commands_import_where_ros_is_absent() -> None:
     modules = [f'somfusion_ros.{name_of(f)}' for f in FILES if room_of(name_of(f)) in CORE]
     code = f"""

@@ -71,6 +71,7 @@ def test_truncated(good: Path, tmp_path: Path, share: float) -> None:
     bad_bag(folder)
 
 
+@pytest.mark.slow
 def test_damaged_in_the_middle_is_an_error_or_harmless(good: Path, tmp_path: Path) -> None:
     """Whatever bytes are spoilt, no other error than BagError comes out."""
     rng = np.random.default_rng(3)

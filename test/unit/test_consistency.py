@@ -16,6 +16,8 @@ from somfusion_ros.simulation.floor_plan import office
 from somfusion_ros.simulation.laser import Scene
 from somfusion_ros.simulation.trial import run_trial, SICK, simulate_trial
 
+pytestmark = pytest.mark.slow
+
 
 def study(name: str) -> ModuleType:
     """Load a study, which is no part of the package."""

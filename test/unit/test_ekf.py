@@ -5,6 +5,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+import pytest
 from somfusion_ros.geometry import between, between_jacobians, compose, wrap
 from somfusion_ros.slam import smoothing
 from somfusion_ros.slam.constraint import Relation
@@ -51,6 +52,7 @@ def test_an_update_is_the_kalman_update(seed, n):
     np.testing.assert_allclose(dense(ekf), (np.eye(3 * n) - K @ H) @ P, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_covariance_stays_symmetric_and_positive():
     ekf, _ = chain(120, np.random.default_rng(3))
     for i in range(40):

@@ -13,6 +13,7 @@ from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import Outcome, run_trial, SICK, simulate_trial, Trial
 from somfusion_ros.slam.motion import WheelOdometry
 
+pytestmark = pytest.mark.slow
 OFFICE = office()
 CORRIDOR = OFFICE.route(2)[1:6]          # 11 m along the office's corridor, with both its ends
 URG = Laser()

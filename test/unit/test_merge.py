@@ -57,6 +57,7 @@ def test_report_shows_every_figure(merged: Path) -> None:
         assert image.std() > 5.0, f'{path} is blank'
 
 
+@pytest.mark.slow
 def test_report_again(merged: Path, capsys: pytest.CaptureFixture) -> None:
     before = cv2.imread(str(merged / 'report.png'))
     (merged / 'report.png').unlink()

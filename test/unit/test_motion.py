@@ -110,6 +110,7 @@ def test_a_wheel_without_a_number_is_skipped():
     np.testing.assert_allclose(wheels.update(1.0, 1.0), (0.1, 0.0, 0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rounds, straight', [(10, 0.0), (0, 40.0), (3, 20.0)])
 def test_the_slip_of_each_wheel_gives_an_honest_covariance(rounds, straight):
     """Of 300 drives, turning in place or not, the mean NEES of travel and turn is that of two."""

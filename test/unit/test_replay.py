@@ -100,6 +100,7 @@ def test_one_robot_alone(bags: tuple, tmp_path: Path) -> None:
     assert (tmp_path / 'map.yaml').exists()
 
 
+@pytest.mark.slow
 def test_command_in_a_pipe_and_in_processes(result: tuple[Path, dict], bags: tuple,
                                             tmp_path: Path) -> None:
     """One process per robot changes nothing; without a terminal only results are written."""

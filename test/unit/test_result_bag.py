@@ -15,6 +15,7 @@ from somfusion_ros.io.frame_tree import yaw
 from somfusion_ros.offline.replay import replay, ReplayOptions
 from somfusion_ros.offline.result_bag import shifts_of
 
+pytestmark = pytest.mark.slow
 WAY = np.array([(1.0, 1.0), (4.0, 1.2), (6.5, 2.6), (4.0, 3.2), (1.5, 4.5), (1.0, 1.0),
                 (4.0, 1.2)])
 

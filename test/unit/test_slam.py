@@ -67,6 +67,7 @@ def test_dead_reckoning_is_much_worse_than_the_slam():
     assert distance.mean() < 0.2 * np.hypot(*np.array(blind)[:, :2].T).mean()
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_result_bit_for_bit():
     scans, buffer, _ = drive()
     results = [run(scans, buffer)[0] for _ in range(2)]
@@ -178,6 +179,7 @@ def test_nothing_seen_yet_is_an_empty_map():
     assert slam.pose_sigma == (0.0, 0.0, 0.0) and not slam.work()
 
 
+@pytest.mark.slow
 def test_loops_can_be_closed_by_another_thread():
     scans, buffer, truth = drive()
     slam, running = Slam(background=True), True
@@ -208,6 +210,7 @@ def test_any_laser_will_do(setup):
     assert distance.max() < 0.12
 
 
+@pytest.mark.slow
 def test_views_are_kept_by_travel():
     scans, buffer, _ = drive()
     few, many = (run(scans, buffer, Slam(SlamConfig(minimum_travel_distance=d)))[0]
@@ -215,6 +218,7 @@ def test_views_are_kept_by_travel():
     assert len(few.views()[0]) < len(many.views()[0])
 
 
+@pytest.mark.slow
 def test_the_covariance_covers_the_error():
     nees = []
     for seed in range(6):

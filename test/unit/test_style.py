@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a ROS reviewer's linters would say, and the header of every file."""
 
-import os
 from pathlib import Path
 import re
 import subprocess
@@ -31,13 +30,6 @@ def test_flake8() -> None:
 @pytest.mark.parametrize('plugin', PLUGINS)
 def test_flake8_has_its_plugins(plugin: str) -> None:
     pytest.importorskip(plugin)
-
-
-def test_types_of_the_core() -> None:
-    pytest.importorskip('mypy')
-    result = subprocess.run([sys.executable, '-m', 'mypy', '--cache-dir', os.devnull], cwd=ROOT,
-                            capture_output=True, text=True, timeout=600)
-    assert result.returncode == 0, f'\n{result.stdout}{result.stderr}'
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda p: str(p.relative_to(ROOT)))
