@@ -26,7 +26,7 @@ from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.floor_plan import box, PLANS, polygon, wall
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import Outcome, run_trial, simulate_trial, Trial
-from somfusion_ros.slam.loops import CHI2, Loop
+from somfusion_ros.slam.loops import Loop, TUNING
 from somfusion_ros.slam.slam import Slam
 
 FALSE = (0.5, 0.2)             # [m] [rad] by which a loop that joins different places is wrong
@@ -131,25 +131,26 @@ class Witness:
     """Sits between matching and belief, and notes every loop that was found and believed."""
 
     def __init__(self, slam: Slam, trial: Trial) -> None:
-        self._slam, self._trial, self._trusted = slam, trial, slam._loops.trusted
+        self._slam, self._trial, self._trusted = slam, trial, slam._map.closure.trusted
         self.counts: Counter[str] = Counter()
-        slam._loops.trusted = self
+        slam._map.closure.trusted = self
 
     def __call__(self, loop: Loop, ekf: object) -> list:
         """Count, then believe what the SLAM believes."""
-        truth = self._truth(loop.relation)
+        truth = self._truth(loop.constraint)
         self.counts[f'found {truth}'] += 1
         self.counts[f'tempted {truth}'] += (
-            squared_mahalanobis(*ekf.innovation(loop.relation)) < CHI2)
+            squared_mahalanobis(*ekf.innovation(loop.constraint)) < TUNING.chi2)
         believed = self._trusted(loop, ekf)
-        self.counts.update(f'believed {self._truth(relation)}' for relation in believed)
+        self.counts.update(f'believed {self._truth(constraint)}' for constraint in believed)
         return believed
 
-    def _truth(self, relation: object) -> str:
-        old, new = (self._place(k) for k in (relation.first, relation.second))
-        error = relation.z - between(old, new)
+    def _truth(self, constraint: object) -> str:
+        old, new = (self._place(k) for k in (constraint.first, constraint.second))
+        error = constraint.z - between(old, new)
         error[2] = wrap(error[2])
-        known = squared_mahalanobis(error, relation.R) > CHI2     # to the match, not only guessed
+        # To the match, not only guessed.
+        known = squared_mahalanobis(error, constraint.R) > TUNING.chi2
         far = np.hypot(*error[:2]) > FALSE[0] or abs(error[2]) > FALSE[1]
         return 'false' if known and far else 'true'
 
@@ -159,7 +160,7 @@ class Witness:
 
         A single view may be off among them, as its scan was bent by a slip: a match is of all.
         """
-        memory = self._slam._memory               # its lock is held here
+        memory = self._slam._map.graph            # its lock is held here
         near = np.arange(max(0, k - AROUND), min(memory.ekf.n, k + AROUND + 1))
         poses = compose(self._trial.truth(np.array(memory.stamps)[near]),
                         between(memory.ekf.poses[near], memory.ekf.poses[k]))

@@ -24,7 +24,7 @@ from somfusion_ros.simulation import drive  # noqa: E402
 from somfusion_ros.simulation.floor_plan import box, polygon  # noqa: E402
 from somfusion_ros.simulation.laser import Scene  # noqa: E402
 from somfusion_ros.simulation.trial import SICK, simulate_trial, Trial  # noqa: E402
-from somfusion_ros.slam.constraint import Relation  # noqa: E402
+from somfusion_ros.slam.constraint import Constraint  # noqa: E402
 from somfusion_ros.slam.ekf import DelayedStateEkf  # noqa: E402
 from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
 from somfusion_ros.slam.slam import Slam  # noqa: E402
@@ -45,7 +45,7 @@ def growth(counts: tuple[int, ...] = (250, 500, 1000, 2000, 4000, 5000)) -> None
         t1 = time.process_time()
         for _ in range(5):
             i, j = sorted(rng.choice(count, 2, replace=False))
-            ekf.update(Relation(i, j, between(ekf.poses[i], ekf.poses[j]), Q))
+            ekf.update(Constraint(i, j, between(ekf.poses[i], ekf.poses[j]), Q))
         updates.append((time.process_time() - t1) / 5)
         print(f'{count:6} {1e3 * (t1 - t0) / added:12.2f} {1e3 * updates[-1]:15.1f}')
     exponent = np.polyfit(np.log(counts), np.log(updates), 1)[0]

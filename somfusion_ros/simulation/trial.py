@@ -12,7 +12,8 @@ from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.motion import OdometryBuffer, WheelOdometry
 from somfusion_ros.slam.scan import Scan
-from somfusion_ros.slam.slam import Slam, Step
+from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.step import Step
 
 ODOMETRY_EVERY = 3         # simulated steps between two samples of the odometry
 SICK = Laser(beams=181, field_of_view=float(np.pi), range_max=30.0, period=0.2, turn=0.0,

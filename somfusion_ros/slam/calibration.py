@@ -17,17 +17,40 @@ from dataclasses import dataclass
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
+from somfusion_ros.settings import tuned
 from somfusion_ros.slam.motion import Odometry
 
-PRIOR_TURN = (0.10, 0.04, 0.02)   # sigmas of lag [s], turn scale, veer [rad / m]
-PRIOR_TRAVEL = 0.04               # sigma of the travel scale
-TURN_NOISE = (0.015, 0.10)        # [rad] and share of the turn that is not systematic
-TRAVEL_NOISE = (0.015, 0.05)      # [m] and share of the travel
-GATE = 3.0                        # sigmas beyond which a step is a slip, not a calibration
-SPAN = 2.0                        # [s] of steps that show the scales, at least
-MAX_LAG = 0.5                     # [s]
+
+@dataclass(frozen=True)
+class CalibrationTuning:
+    """What is believed of an odometry before it is known, and of one step of it."""
+
+    prior_turn: tuple[float, float, float] = tuned(
+        (0.10, 0.04, 0.02), 's, share, rad/m',
+        'sigmas of lag, turn scale and veer before anything is known',
+        'benchmarks/trials.py, shared logs')
+    prior_travel: float = tuned(
+        0.04, 'share', 'sigma of the travel scale before anything is known',
+        'benchmarks/trials.py, shared logs')
+    turn_noise: tuple[float, float] = tuned(
+        (0.015, 0.10), 'rad, share of the turn', 'turn of a step that is not systematic',
+        'shared logs')
+    travel_noise: tuple[float, float] = tuned(
+        (0.015, 0.05), 'm, share of the travel', 'travel of a step that is not systematic',
+        'shared logs')
+    gate: float = tuned(
+        3.0, 'sigmas', 'a step beyond is a slip and teaches nothing', 'by design')
+    span: float = tuned(
+        2.0, 's', 'steps are summed over this time, so that noise is small beside scales',
+        'not measured')
+    max_lag: float = tuned(
+        0.5, 's', 'clocks that differ by more are not corrected but reported', 'by design')
+    turning: float = tuned(
+        0.15, 'rad/s', 'below, a turn rate is mostly the noise of matches', 'shared logs')
+
+
+TUNING = CalibrationTuning()
 LAG, SCALES = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 1.0])   # of turning
-TURNING = 0.15                    # [rad/s] below which a turn rate is the matches' noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +78,14 @@ class Calibration:
     """Coefficients of the odometry's systematic errors, with their covariance."""
 
     def __init__(self) -> None:
-        self.turning, self.P_turning = np.zeros(3), np.diag(PRIOR_TURN) ** 2
-        self.travelling, self.P_travelling = np.zeros(1), np.array([[PRIOR_TRAVEL ** 2]])
+        self.turning, self.P_turning = np.zeros(3), np.diag(TUNING.prior_turn) ** 2
+        self.travelling, self.P_travelling = np.zeros(1), np.array([[TUNING.prior_travel ** 2]])
         self._steps: list[_Step] = []
 
     @property
     def lag(self) -> float:
         """Time [s] to add to a scan's stamp to find the odometry that belongs to it."""
-        return float(np.clip(self.turning[0], -MAX_LAG, MAX_LAG))
+        return float(np.clip(self.turning[0], -TUNING.max_lag, TUNING.max_lag))
 
     def correct(self, step: Array) -> Array:
         """Odometry increment (3,) without its systematic errors."""
@@ -89,7 +112,7 @@ class Calibration:
                                  between(previous.pose, current.pose), matched, along))
         if len(self._steps) > 2:
             self._take(self._steps[-3:], LAG)
-            if self._steps[-2].end - self._steps[1].start >= SPAN:
+            if self._steps[-2].end - self._steps[1].start >= TUNING.span:
                 self._take(self._steps, SCALES)
                 del self._steps[:-2]
 
@@ -103,22 +126,23 @@ class Calibration:
         be noise say nothing.
         """
         inner = steps[1:-1]
-        odometry = sum(step.odometry for step in inner)
-        matched = sum(step.matched for step in inner)
+        odometry = np.sum([step.odometry for step in inner], axis=0)
+        matched = np.sum([step.matched for step in inner], axis=0)
         motion = np.array([0.5 * (step.odometry + step.matched) for step in inner])
         travel, _, turn = motion.sum(0)
         slipping = np.sqrt((motion ** 2).sum(0))   # each step slips by itself
         change = 0.5 * (steps[-1].turn_rate + inner[-1].turn_rate
                         - inner[0].turn_rate - steps[0].turn_rate)
         time = inner[-1].end - inner[0].start
-        h = np.array([change if abs(change) > TURNING else 0.0,
-                      turn if abs(turn) > TURNING * time else 0.0, travel])
+        h = np.array([change if abs(change) > TUNING.turning else 0.0,
+                      turn if abs(turn) > TUNING.turning * time else 0.0, travel])
         # The odometry was read with the lag known by now; what remains is the rest of it.
         error = matched[2] - odometry[2] + self.turning[0] * h[0]
-        noise = TURN_NOISE[0] + TURN_NOISE[1] * slipping[2]
+        noise = TUNING.turn_noise[0] + TUNING.turn_noise[1] * slipping[2]
         _update(self.turning, self.P_turning, h, error, noise, learned)
         if learned is SCALES:
-            noise = np.hypot(TRAVEL_NOISE[0] + TRAVEL_NOISE[1] * slipping[0], inner[-1].along)
+            own = TUNING.travel_noise[0] + TUNING.travel_noise[1] * slipping[0]
+            noise = np.hypot(own, inner[-1].along)
             _update(self.travelling, self.P_travelling, h[2:], matched[0] - odometry[0], noise,
                     np.ones(1))
 
@@ -131,7 +155,7 @@ def _update(x: Array, P: Array, h: Array, z: float, noise: float, learned: Array
     uncertainty counts, their value stays.
     """
     innovation, variance = z - h @ x, h @ P @ h + noise ** 2
-    if innovation ** 2 > GATE ** 2 * variance:
+    if innovation ** 2 > TUNING.gate ** 2 * variance:
         return
     K = P @ h / variance * learned
     x += K * innovation

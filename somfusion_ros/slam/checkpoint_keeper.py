@@ -1,18 +1,18 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps a slam_node's state in a file while it runs, and finds it again after a restart."""
+"""Checkpoints in a file while the SLAM runs, and the last one of them after a restart."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from somfusion_ros.slam.checkpoint import State
-from somfusion_ros.slam.checkpoint_file import load_state, save_state
+from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
 from somfusion_ros.slam.slam import Slam
 
 
-class StateKeeper:
-    """One state file; an empty path keeps nothing. Times are of a steady clock [s]."""
+class CheckpointKeeper:
+    """One checkpoint file; an empty path keeps nothing. Times are of a steady clock [s]."""
 
     def __init__(self, path: str, interval: float, count: Callable[..., None],
                  say: Callable[[str], Any]) -> None:
@@ -21,14 +21,14 @@ class StateKeeper:
         self._due = 0.0
         self._kept: Any = None
 
-    def load(self) -> State | None:
-        """Give the state to go on from; a damaged file is counted and put aside."""
+    def load(self) -> Checkpoint | None:
+        """Return the checkpoint to go on from; count a damaged file and put it aside."""
         if self._path is None:
             return None
         try:
-            state = load_state(self._path)
-            self._say(f'goes on from {len(state.poses)} views of {self._path}')
-            return state
+            checkpoint = load_checkpoint(self._path)
+            self._say(f'goes on from {len(checkpoint.poses)} views of {self._path}')
+            return checkpoint
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
@@ -44,16 +44,16 @@ class StateKeeper:
         if self._path is None or step is None or step is self._kept or now < self._due:
             return
         try:
-            state = slam.state()
-            if len(state.poses):
-                save_state(self._path, state)
+            checkpoint = slam.checkpoint()
+            if len(checkpoint.poses):
+                save_checkpoint(self._path, checkpoint)
             self._kept = step
         except OSError as error:
             self._count('state_not_saved', str(error))
         self._due = now + self._interval
 
     def forget(self) -> None:
-        """Let no later run go on from here."""
+        """Delete the file, so that no later run goes on from here."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
         self._kept = None

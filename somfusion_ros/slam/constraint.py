@@ -8,7 +8,7 @@ from somfusion_ros.geometry import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Relation:
+class Constraint:
     """A measured pose z (3,) of view `second` seen from view `first`, with covariance R (3, 3)."""
 
     first: int

@@ -15,19 +15,38 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from somfusion_ros.geometry import Array, wrap
-from somfusion_ros.slam.local_map import FIELD_STEP, LocalMap
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.local_map import TUNING as FIELD
 from somfusion_ros.slam.scan import Cloud
 
 BLOCKS = (16, 8, 4)  # fine cells along a node's edge, level by level
 BLOCK = BLOCKS[-1]
-BEAMS = 90        # points of a scan that are scored
 BATCH = 48        # finest nodes opened at a time
 MOST = 40         # such batches at most
 WIDE_BATCH = 96   # wider nodes opened at a time
 CHUNK = 1024      # nodes scored at a time
 Prior = Callable[[Array], Array]
 Nodes = NDArray[np.intp]  # (3, M): turn, and row and column of the first translation
-DISTINCT = (0.6, 0.2)  # [m] [rad] a rival is at least this far away
+
+
+@dataclass(frozen=True)
+class CorrelativeTuning:
+    """How finely and how far a correlative search looks."""
+
+    beams: int = tuned(
+        90, 'points', 'points of a scan that are scored; more cost time in proportion',
+        'shared logs')
+    distinct: tuple[float, float] = tuned(
+        (0.6, 0.2), 'm, rad', 'a rival pose is at least this far away', 'by design')
+    turn_step: float = tuned(
+        1.5, 'cells', 'the farthest point moves this far in the field per angular step',
+        'not measured')
+    turn_steps: tuple[float, float] = tuned(
+        (0.005, 0.05), 'rad', 'bounds of the angular step', 'not measured')
+
+
+TUNING = CorrelativeTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,18 +69,19 @@ def search(scan: Cloud, target: LocalMap, centres: ArrayLike, reach: float, turn
     score more than `least` is not looked for; where there is none, the first centre is returned.
     """
     field, corner = target.field
-    points = scan.points[np.linspace(0, len(scan) - 1, min(BEAMS, len(scan))).astype(int)]
+    points = scan.points[np.linspace(0, len(scan) - 1, min(TUNING.beams, len(scan))).astype(int)]
     arm = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80))
-    step = np.clip(1.5 * FIELD_STEP / max(arm, 0.5), 0.005, 0.05)
+    step = np.clip(TUNING.turn_step * FIELD.field_step / max(arm, 0.5), *TUNING.turn_steps)
     turns = step * np.arange(-np.ceil(turn / step), np.ceil(turn / step) + 1)
     middles = np.atleast_2d(centres)[:, None] + turns[:, None] * (0.0, 0.0, 1.0)
     middles = middles.reshape(-1, 3)
-    half = int(np.ceil(reach / (FIELD_STEP * BLOCK))) * BLOCK
+    half = int(np.ceil(reach / (FIELD.field_step * BLOCK))) * BLOCK
 
     def poses(nodes: Nodes) -> Array:
         k, row, column = nodes
-        shift = FIELD_STEP * np.stack([column - half, row - half, np.zeros_like(k)], axis=1)
-        return middles[k] + shift
+        shift = FIELD.field_step * np.stack([column - half, row - half, np.zeros_like(k)], axis=1)
+        placed: Array = middles[k] + shift
+        return placed
 
     margin = 2 * half + BLOCK    # a point this far outside may still enter the field
     fine = cv2.copyMakeBorder(field, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=0)
@@ -72,7 +92,7 @@ def search(scan: Cloud, target: LocalMap, centres: ArrayLike, reach: float, turn
     if descent.place is None:
         return Peak(middles[len(turns) // 2], 0.0, 0.0)
     pose = poses(descent.place)[0]
-    rival = descent.rival(poses) if with_rival else 0.0
+    rival = descent.rival(descent.place, poses) if with_rival else 0.0
     pose[2] = wrap(pose[2])
     return Peak(pose, descent.best, rival)
 
@@ -83,10 +103,11 @@ def _cells(points: Array, poses: Array, margin: int, half: int, shape: tuple[int
     (x, y), (left, down, theta) = points.T, poses.T[:, :, None]
     c, s = np.cos(theta), np.sin(theta)
     first = margin - half
-    column = np.floor((c * x - s * y + left) / FIELD_STEP).astype(np.intp) + first
-    row = np.floor((s * x + c * y + down) / FIELD_STEP).astype(np.intp) + first
+    column = np.floor((c * x - s * y + left) / FIELD.field_step).astype(np.intp) + first
+    row = np.floor((s * x + c * y + down) / FIELD.field_step).astype(np.intp) + first
     rows, columns = np.array(shape) - (2 * half + BLOCK) - 1
-    return np.clip(row, 0, rows) * shape[1] + np.clip(column, 0, columns)
+    cells: NDArray[np.intp] = np.clip(row, 0, rows) * shape[1] + np.clip(column, 0, columns)
+    return cells
 
 
 def _bounds(fine: Array, blocks: tuple[int, ...]) -> list[Array]:
@@ -164,14 +185,16 @@ class _Descent:
     def _scores(self, field: Array, nodes: Nodes) -> Array:
         """Mean (M,) of a field over the points, at each node."""
         offset = nodes[1] * field.shape[1] + nodes[2]
-        return field.ravel().take(self._cells.take(nodes[0], 0) + offset[:, None]) @ self._weights
+        cells = self._cells.take(nodes[0], 0) + offset[:, None]
+        means: Array = field.ravel().take(cells) @ self._weights
+        return means
 
-    def rival(self, poses: Callable[[Nodes], Array]) -> float:
-        """Best score in the finest nodes opened that lie clearly elsewhere."""
+    def rival(self, place: Nodes, poses: Callable[[Nodes], Array]) -> float:
+        """Return the best score in the finest nodes opened that lie clearly off a place."""
         scores = np.concatenate([scores for scores, _ in self._opened])
         nodes = np.concatenate([nodes for _, nodes in self._opened], axis=1)
-        x, y, theta = (poses(nodes) - poses(self.place)).T
-        elsewhere = (np.hypot(x, y) > DISTINCT[0]) | (np.abs(theta) > DISTINCT[1])
+        x, y, theta = (poses(nodes) - poses(place)).T
+        elsewhere = (np.hypot(x, y) > TUNING.distinct[0]) | (np.abs(theta) > TUNING.distinct[1])
         return float(scores[elsewhere].max()) if elsewhere.any() else 0.0
 
 

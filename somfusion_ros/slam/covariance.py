@@ -9,13 +9,27 @@ odometry does not know adds up too, step by step with the same sign, wherever th
 tell how far the robot went.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from somfusion_ros.geometry import Array, rotation
+from somfusion_ros.settings import tuned
 
-# Share of a match's variance that the views after it inherit, from simulated drives: a laser of
-# 240 degrees and 4 m would have more, one that sees far would have less.
-HANDED_ON = 0.47
-SWEEP_NOISE = np.array([0.1, 0.1, 0.4])   # share of the motion during a sweep that is unknown
+
+@dataclass(frozen=True)
+class CovarianceTuning:
+    """How errors of neighbouring matches hang together."""
+
+    handed_on: float = tuned(
+        0.47, 'share of the variance',
+        'the views after a match inherit this of its error; a laser of 240 degrees and '
+        '4 m would have more, one that sees far less', 'benchmarks/trials.py')
+    sweep_noise: tuple[float, float, float] = tuned(
+        (0.1, 0.1, 0.4), 'share of the motion',
+        'motion during a sweep that the twist does not tell', 'benchmarks/trials.py')
+
+
+TUNING = CovarianceTuning()
 
 
 def turned(theta: float) -> Array:
@@ -38,12 +52,12 @@ def sweep_covariance(sweep: float, twist: Array) -> Array:
     The twist (3,) is measured over a longer time, so a share of the motion is unknown; the noise
     of an increment, a random walk, would be most of so short a one.
     """
-    return np.diag(SWEEP_NOISE * 0.5 * sweep * twist) ** 2
+    return np.diag(np.array(TUNING.sweep_noise) * 0.5 * sweep * twist) ** 2
 
 
 class ScaleError:
     """
-    Derivative (3,) of the pose by the scale of the travel, since surface last told the travel.
+    Derivative (3,) of the pose by the scale of the travel, which no surface has fixed lately.
 
     As a considered, not estimated, state of the filter (Schmidt 1966): it follows every
     prediction and correction, and its share of the covariance grows with the square of the way.
@@ -55,13 +69,13 @@ class ScaleError:
 
     @property
     def derivatives(self) -> Array:
-        """Give J and what is known of it (2, 3), for a state that is saved."""
+        """Array (2, 3) of J and the part of it that is known, as a tracker's state holds them."""
         return np.array([self._J, self._known])
 
     @derivatives.setter
     def derivatives(self, values: Array) -> None:
-        """Take what was saved."""
-        self._J, self._known = values.copy()
+        """Go on from what a saved state holds."""
+        self._J, self._known = values[0].copy(), values[1].copy()
 
     def predict(self, F: Array, G: Array, step: Array) -> None:
         """Follow a step (3,) of the odometry; F, G (3, 3) are the Jacobians of composing it."""
@@ -75,7 +89,8 @@ class ScaleError:
         """Covariance (3, 3) that a scale of this variance adds since the last view."""
         added = variance * (np.outer(self._J, self._J) - np.outer(self._known, self._known))
         values, vectors = np.linalg.eigh(added)
-        return (vectors * np.maximum(values, 0.0)) @ vectors.T
+        positive: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        return positive
 
     def start_view(self, theta: float) -> None:
         """Go on in the frame of a new view, turned by theta [rad] from the last."""

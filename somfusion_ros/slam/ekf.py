@@ -12,11 +12,11 @@ covariance form is to forget their rows, and hang between their anchors from the
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import dsyrk
 from somfusion_ros.geometry import (Array, between, between_jacobians, compose, compose_jacobians,
                                     difference, wrap)
-from somfusion_ros.slam.constraint import Relation
+from somfusion_ros.slam.constraint import Constraint
 
 GROWTH = 64    # views of room that P grows by, at least
 ANCHORS = 4    # one of so many old views stays in P
@@ -34,6 +34,7 @@ class DelayedStateEkf:
         self._slot = np.full(GROWTH, -1)       # place of each view in P, -1: marginalised
         self._free = list(range(GROWTH))[::-1]
         self._hung = np.zeros((GROWTH, 2, 3))  # marginalised views seen from both anchors
+        self._begins = np.zeros(GROWTH + 1, bool)   # views that do not follow the one before
 
     @property
     def poses(self) -> Array:
@@ -41,13 +42,18 @@ class DelayedStateEkf:
         return self._x[:self.n]
 
     @property
+    def begins(self) -> NDArray[np.bool_]:
+        """Mask (n,) of the views that do not follow the view before them."""
+        return self._begins[:self.n]
+
+    @property
     def kept(self) -> NDArray[np.bool_]:
         """Mask (n,) of the views that are in P."""
         return self._slot[:self.n] >= 0
 
-    def augment(self, T_view_new: Array, Q: Array) -> int:
+    def augment(self, T_view_new: Array, Q: Array, view: int | None = None) -> int:
         """
-        Add a view at T_view_new (3,), with covariance Q (3, 3), from the last view.
+        Add a view at T_view_new (3,), with covariance Q (3, 3), from another, by default the last.
 
         The first view, with any arguments, is the origin and certain. Returns the view's index.
         """
@@ -58,30 +64,40 @@ class DelayedStateEkf:
         s = self._rows(k)
         column = np.zeros((len(self._P), 3))
         if k > 0:
-            F, G = compose_jacobians(self._x[k - 1], T_view_new)
-            self._x[k] = compose(self._x[k - 1], T_view_new)
-            column = self._column(k - 1) @ F.T
-            column[s] = F @ self.block(k - 1, k - 1) @ F.T + G @ Q @ G.T
+            view = k - 1 if view is None else view
+            self._begins[k] = view != k - 1
+            self._x[k] = compose(self._x[view], T_view_new)
+            a, F, G = self._ahead(view, T_view_new)
+            column = self._column(a) @ F.T
+            column[s] = F @ self.block(a, a) @ F.T + G @ Q @ G.T
         self._P[s, :s.stop] = column[:s.stop].T
         self._P[s.start:, s] = column[s.start:]
         self.n += 1
         return k
 
     def _marginalise(self, k: int) -> None:
-        """Take view k out of P, unless it is an anchor or there is none such."""
-        if k <= 0 or k % self._anchors == 0:
+        """Marginalise view k unless it is an anchor; do nothing where there is no such view."""
+        if k <= 0 or self._is_anchor(k):
             return
         self._free.append(int(self._slot[k]))
         self._slot[k] = -1
         self._hang(np.array([k]))
 
+    def _is_anchor(self, k: ArrayLike) -> NDArray[np.bool_]:
+        """Return whether views k stay in P: every few, and both ends of every chain."""
+        k = np.asarray(k)
+        anchors: NDArray[np.bool_] = (self._begins[k] | self._begins[k + 1]
+                                      | (k % self._anchors == 0))
+        return anchors
+
     def _around(self, k: NDArray[np.intp]) -> NDArray[np.intp]:
         """Anchors (2, m) before and after marginalised views k (m,)."""
-        before = k - k % self._anchors
-        return np.array([before, before + self._anchors])
+        anchors = np.flatnonzero(self._is_anchor(np.arange(self.n)))
+        after = np.searchsorted(anchors, k)
+        return np.array([anchors[after - 1], anchors[after]])
 
     def _hang(self, k: NDArray[np.intp]) -> None:
-        """Keep where marginalised views k (m,) lie now between their anchors."""
+        """Record the poses of marginalised views k (m,) relative to both their anchors."""
         for end, anchor in enumerate(self._around(k)):
             self._hung[k, end] = between(self._x[anchor], self._x[k])
 
@@ -89,39 +105,47 @@ class DelayedStateEkf:
         """Move the marginalised views with their anchors."""
         k = np.flatnonzero(~self.kept)
         if len(k):
+            before, after = self._around(k)
             a, b = (compose(self._x[anchor], self._hung[k, end])
-                    for end, anchor in enumerate(self._around(k)))
-            share = ((k % self._anchors) / self._anchors)[:, None]
+                    for end, anchor in enumerate((before, after)))
+            share = ((k - before) / (after - before))[:, None]
             self._x[k] = compose(a, share * between(a, b))
 
     def _anchor(self, k: int) -> int:
         """View k, or the anchor before it where view k is not in P."""
-        return k if self._slot[k] >= 0 else k - k % self._anchors
+        return k if self._slot[k] >= 0 else int(self._around(np.array([k]))[0, 0])
 
-    def _anchored(self, relation: Relation) -> Relation:
-        """Give a relation between views that are in P, the same but for what hangs rigidly."""
-        i, j = self._anchor(relation.first), self._anchor(relation.second)
-        if (i, j) == (relation.first, relation.second):
-            return relation
+    def _anchored(self, constraint: Constraint) -> Constraint:
+        """Carry a constraint over to the anchors of its views, which are taken to be rigid."""
+        i, j = self._anchor(constraint.first), self._anchor(constraint.second)
+        if (i, j) == (constraint.first, constraint.second):
+            return constraint
         x = self._x
-        z = compose(compose(between(x[i], x[relation.first]), relation.z),
-                    between(x[relation.second], x[j]))
-        return Relation(i, j, z, relation.R)
+        z = compose(compose(between(x[i], x[constraint.first]), constraint.z),
+                    between(x[constraint.second], x[j]))
+        return Constraint(i, j, z, constraint.R)
 
-    def ahead(self, T_view_base: Array, Q: Array) -> tuple[Array, Array]:
-        """Give the pose (3,) in the map, and covariance (3, 3), of a motion from the last view."""
-        last = self.n - 1
-        F, G = compose_jacobians(self._x[last], T_view_base)
-        return (compose(self._x[last], T_view_base),
-                F @ self.block(last, last) @ F.T + G @ Q @ G.T)
+    def ahead(self, T_view_base: Array, Q: Array, view: int) -> tuple[Array, Array]:
+        """Return pose (3,) and covariance (3, 3) in the map after a motion from a view."""
+        a, F, G = self._ahead(view, T_view_base)
+        return compose(self._x[view], T_view_base), F @ self.block(a, a) @ F.T + G @ Q @ G.T
+
+    def _ahead(self, view: int, T_view_base: Array) -> tuple[int, Array, Array]:
+        """Return a view's anchor, and the Jacobians of a pose ahead in it and in the motion."""
+        F, G = compose_jacobians(self._x[view], T_view_base)
+        a = self._anchor(view)
+        if a != view:
+            F = F @ compose_jacobians(self._x[a], between(self._x[a], self._x[view]))[0]
+        return a, F, G
 
     def _make_room(self) -> None:
-        """Let P and x grow before they are full."""
+        """Enlarge x and P before they are full."""
         if self.n == len(self._x):
             more = self.n + max(GROWTH, self.n // 8)
             self._x, self._hung = (np.concatenate([a, np.zeros((more - self.n, *a.shape[1:]))])
                                    for a in (self._x, self._hung))
             self._slot = np.concatenate([self._slot, np.full(more - self.n, -1)])
+            self._begins = np.concatenate([self._begins, np.zeros(more - self.n, bool)])
         if not self._free:
             room = len(self._P) // 3
             more = room + max(GROWTH, room // 8)
@@ -150,21 +174,21 @@ class DelayedStateEkf:
         return (between(self._x[i], self._x[j]),
                 A @ self.block(a, a) @ A.T + B @ self.block(b, b) @ B.T + C + C.T)
 
-    def innovation(self, relation: Relation) -> tuple[Array, Array]:
-        """Give z - h(x) (3,) and its covariance S (3, 3)."""
-        relation = self._anchored(relation)
-        h, P_h = self.relative(relation.first, relation.second)
-        return difference(relation.z, h), P_h + relation.R
+    def innovation(self, constraint: Constraint) -> tuple[Array, Array]:
+        """Return the innovation z - h(x) (3,) and its covariance S (3, 3)."""
+        constraint = self._anchored(constraint)
+        h, P_h = self.relative(constraint.first, constraint.second)
+        return difference(constraint.z, h), P_h + constraint.R
 
-    def update(self, relation: Relation) -> float:
+    def update(self, constraint: Constraint) -> float:
         """
         Fuse a loop closure into every view; return how far [m] the mean moved at most.
 
         The state becomes x + K y, P - K S K', with K = P H' inv(S), by one rank-3 dsyrk.
         """
-        relation = self._anchored(relation)
-        i, j = relation.first, relation.second
-        y, S = self.innovation(relation)
+        constraint = self._anchored(constraint)
+        i, j = constraint.first, constraint.second
+        y, S = self.innovation(constraint)
         A, B = between_jacobians(self._x[i], self._x[j])
         PH = self._column(i) @ A.T + self._column(j) @ B.T
         L = np.linalg.cholesky(S)

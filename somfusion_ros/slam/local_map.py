@@ -3,6 +3,7 @@
 """The surface that a few neighbouring views saw together: what a scan is matched against."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -11,17 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from somfusion_ros.geometry import Array, rotation
+from somfusion_ros.settings import tuned
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.surface import Surface
 
-VOXEL, POINTS_PER_VOXEL = 0.25, 40  # kiss-icp then keeps points 0.04 m apart
-FIELD_STEP = 0.05   # [m] cell of the likelihood field
-FIELD_SIGMA = 0.08  # [m] spread of the likelihood around a surface point
-PARTS = 32          # of a cell, by which the likelihood is tabled
-FREE_STEP = 0.1     # [m] cell of the raster of free space
-FIELD_MARGIN = 0.5  # [m] of empty field around the points
-LIKELIHOOD = np.rint(255.0 * np.exp(
-    -0.5 * (np.arange(256) / PARTS * FIELD_STEP / FIELD_SIGMA) ** 2)).astype(np.uint8)
+
+@dataclass(frozen=True)
+class LocalMapTuning:
+    """Rasters and voxels of a local map."""
+
+    voxel: float = tuned(
+        0.25, 'm', 'edge of a voxel of kiss-icp', 'shared logs')
+    field_step: float = tuned(
+        0.05, 'm', 'cell of the likelihood field', 'shared logs')
+    field_sigma: float = tuned(
+        0.08, 'm', 'spread of the likelihood around a surface point', 'shared logs')
+    free_step: float = tuned(
+        0.1, 'm', 'cell of the raster of free space', 'not measured')
+    field_margin: float = tuned(
+        0.5, 'm', 'empty field around the points', 'by design')
+
+
+TUNING = LocalMapTuning()
+POINTS_PER_VOXEL = 40   # kiss-icp then keeps points 0.04 m apart
+PARTS = 32              # of a cell, by which the likelihood is tabled
+LIKELIHOOD = np.rint(255.0 * np.exp(-0.5 * (
+    np.arange(256) / PARTS * TUNING.field_step / TUNING.field_sigma) ** 2)).astype(np.uint8)
 
 
 class LocalMap(Surface):
@@ -36,7 +52,7 @@ class LocalMap(Surface):
 
     @classmethod
     def of_views(cls, clouds: Sequence[Cloud], poses: Sequence[Array]) -> 'LocalMap':
-        """Put clouds together, each at its pose (3,) in the local map's frame."""
+        """Join clouds, each at its pose (3,) in the local map's frame."""
         if not clouds:
             return cls(np.empty((0, 2)), np.empty((0, 2)))
         turns = [rotation(pose[2]).T for pose in poses]
@@ -57,17 +73,19 @@ class LocalMap(Surface):
     def voxels(self) -> object:
         """The points as kiss-icp's voxel map, fine enough for walls."""
         voxels = kiss_icp_pybind._VoxelHashMap(
-            voxel_size=VOXEL, max_distance=1e3, max_points_per_voxel=POINTS_PER_VOXEL)
+            voxel_size=TUNING.voxel, max_distance=1e3, max_points_per_voxel=POINTS_PER_VOXEL)
         voxels._add_points(lift(self.points))
         return voxels
 
     def seen_through(self, points: Array) -> NDArray[np.bool_]:
-        """Tell which points (N, 2) lie in space that the views' beams passed."""
+        """Return which points (N, 2) lie in space that the views' beams passed."""
         mask, corner = self._free
-        cells = np.floor((points - corner) / FREE_STEP).astype(np.intp)
-        inside = ((cells >= 0) & (cells < mask.shape[::-1])).all(1)
-        cells = np.where(inside[:, None], cells, 0)
-        return inside & (mask[cells[:, 1], cells[:, 0]] > 0)
+        cells = np.floor((points - corner) / TUNING.free_step).astype(np.intp)
+        height, width = mask.shape
+        x, y = cells.T
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        seen: NDArray[np.bool_] = mask[np.where(inside, y, 0), np.where(inside, x, 0)] > 0
+        return seen & inside
 
     @cached_property
     def _free(self) -> tuple[NDArray[np.uint8], Array]:
@@ -77,13 +95,15 @@ class LocalMap(Surface):
     @cached_property
     def field(self) -> tuple[NDArray[np.uint8], Array]:
         """Likelihood (H, W), 255 for 1, by distance to the nearest point, and its corner [m]."""
-        corner = self.points.min(0) - FIELD_MARGIN
-        size = np.ceil((self.points.max(0) + FIELD_MARGIN - corner) / FIELD_STEP).astype(int) + 1
+        corner = self.points.min(0) - TUNING.field_margin
+        extent = self.points.max(0) + TUNING.field_margin - corner
+        size = np.ceil(extent / TUNING.field_step).astype(int) + 1
         empty = np.ones(size[::-1], np.uint8)
-        cells = ((self.points - corner) / FIELD_STEP).astype(np.intp)
+        cells = ((self.points - corner) / TUNING.field_step).astype(np.intp)
         empty[cells[:, 1], cells[:, 0]] = 0
         distance = cv2.distanceTransform(empty, cv2.DIST_L2, 3)
-        return cv2.LUT(cv2.convertScaleAbs(distance, alpha=PARTS), LIKELIHOOD), corner
+        steps = cv2.convertScaleAbs(distance, alpha=PARTS)
+        return np.asarray(cv2.LUT(steps, LIKELIHOOD), np.uint8), corner
 
 
 def lift(points: Array) -> object:
@@ -92,12 +112,12 @@ def lift(points: Array) -> object:
 
 
 def _fill(rims: Iterable[Array]) -> tuple[NDArray[np.uint8], Array]:
-    """Mask (H, W) of the cells of FREE_STEP that polygons (M, 2) cover, and its corner [m]."""
+    """Mask (H, W) of the cells that polygons (M, 2) cover, and its corner [m]."""
     rims = [rim for rim in rims if len(rim)] or [np.zeros((1, 2))]
     every = np.concatenate(rims)
     corner = every.min(0)
-    size = np.ceil((every.max(0) - corner) / FREE_STEP).astype(int) + 1
+    size = np.ceil((every.max(0) - corner) / TUNING.free_step).astype(int) + 1
     mask = np.zeros(size[::-1], np.uint8)
     for rim in rims:
-        cv2.fillPoly(mask, [np.rint((rim - corner) / FREE_STEP - 0.5).astype(np.int32)], 1)
+        cv2.fillPoly(mask, [np.rint((rim - corner) / TUNING.free_step - 0.5).astype(np.int32)], 1)
     return mask, corner

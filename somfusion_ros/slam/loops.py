@@ -21,21 +21,48 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import (apply, Array, between, compose, inverse, squared_mahalanobis,
                                     wrap)
+from somfusion_ros.settings import tuned
 from somfusion_ros.slam.config import SlamConfig
-from somfusion_ros.slam.constraint import Relation
+from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.scan import Cloud
 
-CANDIDATES = 2           # old passes that a new view is matched against
-SPAN = 20                # views back to which every view is tied, loop or not
-FARTHEST = 4.0           # [m] beyond the search distance, however uncertain the filter is
-CHI2 = 16.3              # 99.9 % of chi-square with 3 degrees of freedom
-SURE = (0.25, 0.06)      # [m] [rad] sigma up to which one partner is enough
-PARTNERS = 2             # other loops that must agree with one found from afar
-PARTNERS_NEAR = 1        # and with one that the filter is surer of than it should be
-AGREE = (0.25, 0.05)     # [m] [rad] between two agreeing loops, plus what the odometry drifts
-RECENT = 60              # views within which loops are compared
-SPANNED = 3.0            # sigmas of travel that agreeing loops span
-PLACE = 1.2              # [m] from an old view: at its place
+
+@dataclass(frozen=True)
+class LoopTuning:
+    """Which old places are tried, and when a loop is believed (doc/slam.md)."""
+
+    candidates: int = tuned(
+        2, 'passes', 'old ones that a new view is matched against', 'shared logs')
+    span: int = tuned(
+        20, 'views', 'back to which every view is tied, loop or not', 'shared logs')
+    farthest: float = tuned(
+        4.0, 'm', 'beyond the search distance, however uncertain the filter is', 'not measured')
+    sure: tuple[float, float] = tuned(
+        (0.25, 0.06), 'm, rad',
+        'sigma up to which a match that passes the gate is believed at once',
+        'benchmarks/look_alikes.py')
+    partners: int = tuned(
+        2, 'loops', 'must agree with one found from afar', 'benchmarks/look_alikes.py')
+    partners_near: int = tuned(
+        1, 'loop', 'must agree with one that the filter is surer of than it should be',
+        'benchmarks/look_alikes.py')
+    agree: tuple[float, float] = tuned(
+        (0.25, 0.05), 'm, rad', 'between two agreeing loops, plus what the odometry drifts',
+        'shared logs')
+    drift: tuple[float, float] = tuned(
+        (0.02, 0.005), 'share, rad/m',
+        'of the travel between two agreeing loops, that the odometry drifts', 'shared logs')
+    recent: int = tuned(
+        60, 'views', 'within which loops are compared', 'not measured')
+    spanned: float = tuned(
+        3.0, 'sigmas', 'of travel that agreeing loops span', 'benchmarks/look_alikes.py')
+    chi2: float = tuned(
+        16.3, 'squared sigmas', '99.9 % of chi-square with 3 degrees of freedom', 'by design')
+    place: float = tuned(
+        1.2, 'm', 'a pose this near to an old view is at its place', 'not measured')
+
+
+TUNING = LoopTuning()
 
 
 class Estimate(Protocol):
@@ -52,8 +79,8 @@ class Estimate(Protocol):
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
         """Pose (3,) of view j seen from view i, and its covariance (3, 3)."""
 
-    def innovation(self, relation: Relation) -> tuple[Array, Array]:
-        """Measured minus expected relation (3,), and its covariance (3, 3)."""
+    def innovation(self, constraint: Constraint) -> tuple[Array, Array]:
+        """Measured minus expected constraint (3,), and its covariance (3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,20 +100,20 @@ class Candidate:
 
     @property
     def sure(self) -> bool:
-        """Tell whether the filter knows already, almost, where the new view lies."""
-        return bool((self.sigma[:2] < SURE[0]).all() and self.sigma[2] < SURE[1])
+        """Whether the filter knows where the new view lies, to TUNING.sure."""
+        return bool((self.sigma[:2] < TUNING.sure[0]).all() and self.sigma[2] < TUNING.sure[1])
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
     """
-    A matched candidate: the relation, and how well it agrees.
+    A matched candidate: the constraint, and how well it agrees.
 
     It needs partners unless the filter was sure already, of which sigma [m] is the larger of two;
     it is unique if the view fits nowhere else nearly as well.
     """
 
-    relation: Relation
+    constraint: Constraint
     agreement: float
     sure: bool
     sigma: float = 0.0
@@ -103,7 +130,7 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
     """
     Old views whose surface lies near that of view `new`; at most one per pass.
 
-    Every view is also tried against the one SPAN views before it: where their surfaces
+    Every view is also tried against the one some views before it: where their surfaces
     overlap, the tie keeps a path that meets no old place from bending.
     """
     last = new - config.loop_minimum_gap
@@ -114,16 +141,17 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
     distance = np.hypot(*(seen - apply(poses[new], centres[new][None])).T)
     distance += 0.5 * np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
     distance[~ekf.kept[:last]] = np.inf
+    farthest = config.loop_search_distance + TUNING.farthest
     chosen: list[Candidate] = []
     for old in np.argsort(distance, kind='stable'):
-        if len(chosen) == CANDIDATES or distance[old] > config.loop_search_distance + FARTHEST:
+        if len(chosen) == TUNING.candidates or distance[old] > farthest:
             break
         if any(abs(old - c.old) < config.loop_minimum_gap for c in chosen):
             continue
         candidate = _candidate(int(old), new, ekf)
         if distance[old] < config.loop_search_distance + 2.0 * np.hypot(*candidate.sigma[:2]):
             chosen.append(candidate)
-    span = new - max(SPAN, config.loop_minimum_gap)
+    span = new - max(TUNING.span, config.loop_minimum_gap)
     if span >= 0 and all(
             abs(span - c.old) >= config.loop_minimum_gap // 2 for c in chosen):
         chosen.append(replace(_candidate(span, new, ekf), tie=True))
@@ -135,14 +163,15 @@ def _elsewhere(candidate: Candidate, new: int, last: int, ekf: Estimate
     """Old views, one at each place before view `last`, where view `new` may lie as well."""
     poses = ekf.poses
     distance = np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
-    reach = PLACE + 4.0 * np.hypot(*candidate.sigma[:2])
+    reach = TUNING.place + 4.0 * np.hypot(*candidate.sigma[:2])
     views = np.flatnonzero(ekf.kept[:last] & (distance < reach))
-    square = np.floor(poses[views] / (PLACE, PLACE, np.pi)).astype(int)  # and the way it looks
+    place = np.array([TUNING.place, TUNING.place, np.pi])   # and the way it looks
+    square = np.floor(poses[views] / place).astype(int)
     _, first = np.unique(square, axis=0, return_index=True)
     possible = []
     for old in views[np.sort(first)]:
         expected, P = ekf.relative(int(old), new)
-        if squared_mahalanobis(expected, P + np.diag([PLACE, PLACE, np.pi]) ** 2) < CHI2:
+        if squared_mahalanobis(expected, P + np.diag(place) ** 2) < TUNING.chi2:
             possible.append(Candidate(int(old), expected, _sigmas(P)))
     return tuple(possible)
 
@@ -155,14 +184,16 @@ def _candidate(old: int, new: int, ekf: Estimate) -> Candidate:
 
 def _sigmas(P: Array) -> Array:
     """Sigmas (3,) of a covariance (3, 3)."""
-    return np.sqrt(np.maximum(np.diag(P), 0.0))
+    sigmas: Array = np.sqrt(np.maximum(np.diag(P), 0.0))
+    return sigmas
 
 
 def _seen(poses: Array, centres: Array) -> Array:
     """Centres (n, 2) placed by their views' poses (n, 3)."""
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    return poses[:, :2] + np.column_stack([c * centres[:, 0] - s * centres[:, 1],
-                                           s * centres[:, 0] + c * centres[:, 1]])
+    seen: Array = poses[:, :2] + np.column_stack([c * centres[:, 0] - s * centres[:, 1],
+                                                  s * centres[:, 0] + c * centres[:, 1]])
+    return seen
 
 
 class LoopClosure:
@@ -172,31 +203,31 @@ class LoopClosure:
         self._config = config
         self._pending: list[Loop] = []
 
-    def trusted(self, loop: Loop, ekf: Estimate) -> list[Relation]:
+    def trusted(self, loop: Loop, ekf: Estimate) -> list[Constraint]:
         """Relations that may now enter the filter: this loop, and those it confirms."""
-        y, S = ekf.innovation(loop.relation)
-        possible = squared_mahalanobis(y, S) < CHI2
+        y, S = ekf.innovation(loop.constraint)
+        possible = squared_mahalanobis(y, S) < TUNING.chi2
         if loop.sure and possible:
-            return [loop.relation]
+            return [loop.constraint]
         self._pending = [p for p in self._pending
-                         if loop.relation.second - p.relation.second <= RECENT]
+                         if loop.constraint.second - p.constraint.second <= TUNING.recent]
         if not loop.unique or not (loop.sure or possible):
             return []
-        partners = [p for p in self._pending if agree(p.relation, loop.relation, ekf)]
+        partners = [p for p in self._pending if agree(p.constraint, loop.constraint, ekf)]
         self._pending.append(loop)
         together = [*partners, loop]
-        if (len(partners) < (PARTNERS_NEAR if loop.sure else PARTNERS)
+        if (len(partners) < (TUNING.partners_near if loop.sure else TUNING.partners)
                 or not (loop.sure or _far_enough(together, ekf))):
             return []
         self._pending = [p for p in self._pending if p not in together]
-        return [p.relation for p in together]
+        return [p.constraint for p in together]
 
 
 def _far_enough(loops: list[Loop], ekf: Estimate) -> bool:
-    """Tell whether the robot would have come to the right place meanwhile, were they wrong."""
-    seconds = [loop.relation.second for loop in loops]
+    """Return whether the loops span so much travel that a right place would have shown itself."""
+    seconds = [loop.constraint.second for loop in loops]
     return (_travel(min(seconds), max(seconds), ekf.poses)
-            >= SPANNED * max(loop.sigma for loop in loops))
+            >= TUNING.spanned * max(loop.sigma for loop in loops))
 
 
 def _travel(first: int, last: int, poses: Array) -> float:
@@ -204,13 +235,13 @@ def _travel(first: int, last: int, poses: Array) -> float:
     return float(np.hypot(*np.diff(poses[first:last + 1, :2], axis=0).T).sum())
 
 
-def agree(a: Relation, b: Relation, ekf: Estimate) -> bool:
-    """Tell whether two loops, joined by the robot's own path, close on themselves."""
+def agree(a: Constraint, b: Constraint, ekf: Estimate) -> bool:
+    """Return whether two loops and the robot's path between them close to a ring."""
     if max(a.second, b.second) - min(a.second, b.second) < 1:
         return False
     poses = ekf.poses
     around = compose(compose(a.z, between(poses[a.second], poses[b.second])),
                      inverse(compose(between(poses[a.first], poses[b.first]), b.z)))
     travel = _travel(a.second, b.second, poses)
-    return bool(np.hypot(around[0], around[1]) < AGREE[0] + 0.02 * travel
-                and abs(wrap(around[2])) < AGREE[1] + 0.005 * travel)
+    return bool(np.hypot(around[0], around[1]) < TUNING.agree[0] + TUNING.drift[0] * travel
+                and abs(wrap(around[2])) < TUNING.agree[1] + TUNING.drift[1] * travel)

@@ -15,12 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
 from somfusion_ros.grid import Grid, MAX_CELLS
+from somfusion_ros.settings import tuned
 from somfusion_ros.slam.scan import Cloud
 
-HIT, PASSED = 0.4, 0.15   # steps of evidence
-BESIDE = 3               # cells across a surface of which passing beams say nothing
-SUB = 4                  # binary digits of a cell in the polygon fill
-MARGIN = 64              # cells added when the map grows
+
+@dataclass(frozen=True)
+class MappingTuning:
+    """Steps of evidence (section II-B)."""
+
+    hit: float = tuned(
+        0.4, 'evidence', 'a beam that ends in a cell takes this away', 'benchmarks/real_maps.py')
+    passed: float = tuned(
+        0.15, 'evidence', 'a beam that passes a cell adds this', 'benchmarks/real_maps.py')
+    beside: int = tuned(
+        3, 'cells', 'across a surface, of which passing beams say nothing',
+        'benchmarks/real_maps.py')
+
+
+TUNING = MappingTuning()
+SUB = 4       # binary digits of a cell in the polygon fill
+MARGIN = 64   # cells added when the map grows
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +82,7 @@ class Mapper:
         return Grid(self._cells.copy(), self.resolution, Pose(x, y, 0.0))
 
     def _moved(self, poses: Array) -> bool:
-        """Tell whether any drawn scan now lies half a cell or a degree from where it was drawn."""
+        """Return whether a drawn scan now lies half a cell or a degree from where it was drawn."""
         d = poses - self._rendered
         return bool((np.abs(d[:, :2]) > 0.5 * self.resolution).any()
                     or (np.abs(wrap(d[:, 2])) > 0.01).any())
@@ -101,18 +115,20 @@ class Mapper:
 
         def vertices(points: Array) -> NDArray[np.int32]:
             cells = (points - corner) / self.resolution - 0.5 - (x0, y0)
-            return np.rint(cells * (1 << SUB)).astype(np.int32)
+            whole: NDArray[np.int32] = np.rint(cells * (1 << SUB)).astype(np.int32)
+            return whole
 
         passed = np.zeros(window.shape, np.float32)
-        cv2.fillPoly(passed, [vertices(rim)], PASSED, shift=SUB)
-        cv2.polylines(passed, vertices(walls).reshape(-1, 2, 2), False, 0, BESIDE, shift=SUB)
+        cv2.fillPoly(passed, [vertices(rim)], TUNING.passed, shift=SUB)
+        cv2.polylines(passed, list(vertices(walls).reshape(-1, 2, 2)), False, 0, TUNING.beside,
+                      shift=SUB)
         ends = _cells_of(hits, corner, self.resolution) - (y0, x0)
         passed[ends[:, 0], ends[:, 1]] = 0
         window += passed
         np.minimum(window, 1.0, out=window)
         flat = np.unique(ends[:, 0] * window.shape[1] + ends[:, 1])
         rows, columns = np.divmod(flat, window.shape[1])
-        window[rows, columns] = np.maximum(window[rows, columns] - HIT, -1.0)
+        window[rows, columns] = np.maximum(window[rows, columns] - TUNING.hit, -1.0)
 
 
 def place(scans: list[MapScan], views: Array) -> Array:
@@ -128,4 +144,5 @@ def _bounds(points: Array) -> Array:
 
 def _cells_of(points: Array, corner: Array, resolution: float) -> NDArray[np.intp]:
     """Cells (N, 2) as row, column that hold points (N, 2)."""
-    return np.floor((points - corner) / resolution).astype(np.intp)[:, ::-1]
+    cells: NDArray[np.intp] = np.floor((points - corner) / resolution).astype(np.intp)
+    return cells[:, ::-1]

@@ -16,20 +16,44 @@ from math import cos, sin
 from kiss_icp.pybind import kiss_icp_pybind
 import numpy as np
 from somfusion_ros.geometry import Array, difference, rotation, wrap
+from somfusion_ros.settings import tuned
 from somfusion_ros.slam.local_map import lift, LocalMap
 from somfusion_ros.slam.scan import Cloud
 
-COARSE_GATE, COARSE_KERNEL = 0.5, 0.15  # [m] of kiss-icp's correspondences
-GATES = (0.25, 0.12, 0.10)  # [m] of the refinement's correspondences, narrowing
-FEWEST = 8                              # points that can be matched
-SAME_SIDE = 0.5                         # cosine: normals that differ more are another surface
-RANGE_SIGMA = 0.02                      # [m] of one matched point, for the hold on the seed
-LEAST_SIGMA = 0.005                     # [m] of one matched point, however smooth the scan
-OVERSAMPLING = 5.0                      # neighbouring points share their error
-CORRELATED = 0.2                        # [m] of surface along which they do
-NORMAL_SIGMA = 0.10                     # [rad] of an estimated normal
-FLOOR = np.diag([0.001, 0.001, 0.0005]) ** 2  # of any match
-QUALITY = 4   # power of the inlier ratio by which a match that fits in part is doubted
+
+@dataclass(frozen=True)
+class MatchingTuning:
+    """Gates and noise of the registration."""
+
+    coarse_gate: float = tuned(
+        0.5, 'm', 'of correspondences in kiss-icp', 'shared logs')
+    coarse_kernel: float = tuned(
+        0.15, 'm', 'of its robust kernel', 'shared logs')
+    gates: tuple[float, float, float] = tuned(
+        (0.25, 0.12, 0.10), 'm', 'of correspondences in the refinement, narrowing',
+        'shared logs')
+    same_side: float = tuned(
+        0.5, 'cosine', 'normals that differ more are another surface', 'by design')
+    range_sigma: float = tuned(
+        0.02, 'm', 'of one matched point, for the hold on the seed', 'not measured')
+    least_sigma: float = tuned(
+        0.005, 'm', 'of one matched point, however smooth the scan', 'benchmarks/trials.py')
+    oversampling: float = tuned(
+        5.0, 'points', 'neighbours that share their error', 'benchmarks/trials.py')
+    correlated: float = tuned(
+        0.2, 'm', 'of surface along which they do', 'benchmarks/trials.py')
+    normal_sigma: float = tuned(
+        0.10, 'rad', 'of an estimated normal', 'benchmarks/trials.py')
+    floor: tuple[float, float, float] = tuned(
+        (0.001, 0.001, 0.0005), 'm, m, rad', 'sigmas of any match', 'not measured')
+    quality: int = tuned(
+        4, 'power', 'of the inlier ratio by which a match that fits in part is doubted',
+        'benchmarks/trials.py')
+
+
+TUNING = MatchingTuning()
+FEWEST = 8   # points that can be matched
+FLOOR = np.diag(TUNING.floor) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +84,7 @@ def coarse(scan: Cloud, target: LocalMap, seed: Array) -> Array:
         max_num_iterations=20, convergence_criterion=1e-3, max_num_threads=1)
     T = registration._align_points_to_map(
         points=lift(scan.points), voxel_map=target.voxels, initial_guess=guess,
-        max_correspondance_distance=COARSE_GATE, kernel=COARSE_KERNEL)
+        max_correspondance_distance=TUNING.coarse_gate, kernel=TUNING.coarse_kernel)
     return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
 
 
@@ -72,9 +96,9 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
     it is not part of the information returned.
     """
     x = np.array(seed, dtype=float)
-    scale = OVERSAMPLING * RANGE_SIGMA ** 2
+    scale = TUNING.oversampling * TUNING.range_sigma ** 2
     prior = 1e-6 * np.eye(3) + (0.0 if hold is None else hold)
-    for gate in GATES:
+    for gate in TUNING.gates:
         turn = complex(cos(x[2]), sin(x[2]))   # of vectors in the plane as complex numbers
         arm, own = scan.plane * turn, scan.facing * turn
         p = arm + complex(x[0], x[1])
@@ -83,7 +107,7 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
         found = distance < gate
         nearest[~found] = 0
         n = np.where(target.bare.take(nearest), own, target.facing.take(nearest)).conj()
-        found &= ((n * own).real > SAME_SIDE) | scan.bare
+        found &= ((n * own).real > TUNING.same_side) | scan.bare
         inliers = np.count_nonzero(found)
         if inliers < FEWEST:
             return _unmatched(x)
@@ -100,9 +124,9 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
     x[2] = wrap(x[2])
     H = _without_false_information(H, _jacobian(-1j * n, arm), w)
     # The distance to the nearest of many points hides the noise; the scan's own scatter shows it.
-    shared = min(max(CORRELATED / scan.spacing, 1.0), OVERSAMPLING)
-    sigma2 = shared * max(LEAST_SIGMA, scan.noise, residual) ** 2
-    sigma2 /= max(ratio, 0.3) ** QUALITY
+    shared = min(max(TUNING.correlated / scan.spacing, 1.0), TUNING.oversampling)
+    sigma2 = shared * max(TUNING.least_sigma, scan.noise, residual) ** 2
+    sigma2 /= max(ratio, 0.3) ** TUNING.quality
     information = H / sigma2
     information = information @ np.linalg.inv(np.eye(3) + FLOOR @ information)
     return Match(x, 0.5 * (information + information.T), ratio, residual)
@@ -120,7 +144,7 @@ def _without_false_information(H: Array, J_tangent: Array, w: Array) -> Array:
     A normal that is off by a small angle a claims sin(a)^2 of a point's information along the
     surface. Along a corridor these claims add up to a match that is sure of what it cannot see.
     """
-    true = H - NORMAL_SIGMA ** 2 * (J_tangent * w) @ J_tangent.T
+    true = H - TUNING.normal_sigma ** 2 * (J_tangent * w) @ J_tangent.T
     values, vectors = np.linalg.eigh(true)
     return true if values[0] >= 0.0 else (vectors * np.maximum(values, 0.0)) @ vectors.T
 
@@ -137,5 +161,5 @@ def register(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = No
 
 
 def _unmatched(pose: Array) -> Match:
-    """Say that nothing of the scan matches at a pose (3,)."""
+    """Return a match that explains nothing, at a pose (3,)."""
     return Match(np.array(pose, dtype=float), np.zeros((3, 3)), 0.0, np.inf)

@@ -14,20 +14,42 @@ from functools import partial
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
+from somfusion_ros.settings import tuned
 from somfusion_ros.slam.correlative import Prior, search
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine, register
 from somfusion_ros.slam.scan import Cloud
 
-SEARCH = (1.2, 1.2)      # [m] [rad] widest window of the search
-STALL = np.array([0.2, 0.5])              # [m] [rad] by which odometry may be wrong at once
-STALL_SPEED = (1.2, 1.5)  # [m/s] [rad/s] by which a stalled or slipping odometry may be wrong
-STALL_SIGMA = np.array([1.0, 0.35, 1.0])  # sigmas along [m], across [m], heading [rad]
-IMPLAUSIBLE = 0.4         # share of the score that an implausible pose loses
-DISTINCT = 0.08           # share of points by which a match must win over any other, to be clear
-SAME = (0.15, 0.06)       # [m] [rad] within which two matches are one
-HOPELESS = 0.25           # score of the search below which no pose explains enough of a scan
-APART = (0.3, 0.3)        # [m] [rad] beyond which an expected pose is searched around, too
+
+@dataclass(frozen=True)
+class RecoveryTuning:
+    """Where a robot is sought whose odometry cannot be trusted."""
+
+    search: tuple[float, float] = tuned(
+        (1.2, 1.2), 'm, rad', 'widest window of the search', 'mit-csail')
+    stall: tuple[float, float] = tuned(
+        (0.2, 0.5), 'm, rad', 'by which odometry may be wrong at once', 'mit-csail')
+    stall_speed: tuple[float, float] = tuned(
+        (1.2, 1.5), 'm/s, rad/s', 'by which a stalled or slipping odometry may be wrong',
+        'mit-csail')
+    stall_sigma: tuple[float, float, float] = tuned(
+        (1.0, 0.35, 1.0), 'm, m, rad', 'sigmas along the travel, across it, and of heading',
+        'mit-csail')
+    implausible: float = tuned(
+        0.4, 'share of the score', 'that an implausible pose loses', 'mit-csail')
+    distinct: float = tuned(
+        0.08, 'share of points', 'by which a match must win over any other, to be clear',
+        'mit-csail')
+    same: tuple[float, float] = tuned(
+        (0.15, 0.06), 'm, rad', 'within which two matches are one', 'by design')
+    hopeless: float = tuned(
+        0.25, 'score', 'below which no pose explains enough of a scan', 'shared logs')
+    apart: tuple[float, float] = tuned(
+        (0.3, 0.3), 'm, rad', 'beyond which an expected pose is searched around, too',
+        'not measured')
+
+
+TUNING = RecoveryTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +69,8 @@ def attempts(scan: Cloud, target: LocalMap, first: Match, expected: Sequence[Arr
     the last. unseen is the time [s] since the last match, which sets the window. hold (3, 3)
     ties the refinement to the odometry's pose where the surface fixes nothing.
     """
-    window = np.minimum(SEARCH, STALL + unseen * np.array(STALL_SPEED))
+    drifted = np.array(TUNING.stall) + unseen * np.array(TUNING.stall_speed)
+    window = np.minimum(TUNING.search, drifted)
     plausible = partial(plausibility, expected=expected, window=window)
     matches = [first, refine(scan, target, expected[0], hold),
                *(register(scan, target, pose) for pose in expected[1:]),
@@ -61,9 +84,11 @@ def _searched(scan: Cloud, target: LocalMap, expected: Sequence[Array], window: 
     """Best pose (3,) around the expected ones."""
     centres: list[Array] = []
     for pose in expected:
-        if all(not near(pose, other, APART) for other in centres):
+        if all(not near(pose, other, TUNING.apart) for other in centres):
             centres.append(pose)
-    return search(scan, target, centres, *window, plausible, with_rival=False, least=HOPELESS).pose
+    reach, turn = window.tolist()
+    return search(scan, target, centres, reach, turn, plausible, with_rival=False,
+                  least=TUNING.hopeless).pose
 
 
 def plausibility(poses: Array, expected: Sequence[Array], window: Array) -> Array:
@@ -77,23 +102,24 @@ def plausibility(poses: Array, expected: Sequence[Array], window: Array) -> Arra
     likelihood, possible = np.zeros(len(poses)), np.zeros(len(poses), bool)
     for pose in expected:
         d = between(pose, poses)
-        likelihood = np.maximum(likelihood, np.exp(-0.5 * ((d / STALL_SIGMA) ** 2).sum(1)))
+        sigmas = d / np.array(TUNING.stall_sigma)
+        likelihood = np.maximum(likelihood, np.exp(-0.5 * (sigmas ** 2).sum(1)))
         possible |= ((np.hypot(d[:, 0], d[:, 1]) <= 1.5 * window[0])
                      & (abs(d[:, 2]) <= 1.2 * window[1]))
-    return possible * (1.0 - IMPLAUSIBLE * (1.0 - likelihood))
+    return possible * (1.0 - TUNING.implausible * (1.0 - likelihood))
 
 
 def rivals(best: Attempt, tried: Sequence[Attempt]) -> bool:
-    """Tell whether another pose is worth nearly as much as the best."""
-    return any(a.worth > best.worth - DISTINCT and not same(a, best) for a in tried)
+    """Return whether another pose is worth nearly as much as the best."""
+    return any(a.worth > best.worth - TUNING.distinct and not same(a, best) for a in tried)
 
 
 def same(a: Attempt, b: Attempt) -> bool:
-    """Tell whether two attempts ended at one pose."""
-    return near(a.match.T_map_scan, b.match.T_map_scan, SAME)
+    """Return whether two attempts ended at one pose."""
+    return near(a.match.T_map_scan, b.match.T_map_scan, TUNING.same)
 
 
 def near(a: Array, b: Array, limit: tuple[float, float]) -> bool:
-    """Tell whether two poses (3,) lie within a limit [m, rad] of one another."""
+    """Return whether two poses (3,) lie within a limit [m, rad] of one another."""
     d = between(a, b)
     return bool(np.hypot(d[0], d[1]) < limit[0] and abs(d[2]) < limit[1])

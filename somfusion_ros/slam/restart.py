@@ -2,12 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first scan after a restart: whether the odometry went on or began anew."""
 
+from dataclasses import dataclass
+
 from somfusion_ros.geometry import Array, compose
+from somfusion_ros.settings import tuned
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import register
 from somfusion_ros.slam.scan import Cloud
 
-CLEARER = 0.08   # share of the scan by which a match must win over the odometry's
+
+@dataclass(frozen=True)
+class RestartTuning:
+    """How clearly the first scan after a restart must speak."""
+
+    clearer: float = tuned(
+        0.08, 'share of points', 'by which a match must win over the one at the odometry',
+        'not measured')
+
+
+TUNING = RestartTuning()
 
 
 def odometry_began_anew(scan: Cloud, around: LocalMap, T_view_base: Array, step: Array) -> bool:
@@ -19,4 +32,4 @@ def odometry_began_anew(scan: Cloud, around: LocalMap, T_view_base: Array, step:
     """
     here = register(scan, around, T_view_base).inlier_ratio
     there = register(scan, around, compose(T_view_base, step)).inlier_ratio
-    return here > there + CLEARER
+    return here > there + TUNING.clearer

@@ -15,12 +15,14 @@ from typing import Any
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
-from somfusion_ros.slam.checkpoint import State
+from somfusion_ros.slam.bodies import Bodies
+from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.scan_queue import ScanQueue, StampGuard
-from somfusion_ros.slam.slam import Slam, Step
+from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.step import Step
 
 CONTINUED_DISTANCE = 1.0   # [m] odometry that moved less than this across a jump of time goes on
 CONTINUED_HEADING = 1.0    # [rad]
@@ -31,12 +33,13 @@ class Session:
     """SLAM, the odometry it needs, and the scans that wait for it."""
 
     def __init__(self, config: SlamConfig, timeout: float, count: Callable[..., None],
-                 state: State | None = None) -> None:
+                 checkpoint: Checkpoint | None = None) -> None:
         self._config, self._timeout, self._count = config, timeout, count
         self._lock = RLock()
+        self.bodies = Bodies()    # of other robots, which are left out of the scans
         self.reset()
-        if state is not None:
-            self._resume(state)
+        if checkpoint is not None:
+            self._resume(checkpoint)
 
     def reset(self) -> None:
         """Begin a new map."""
@@ -54,7 +57,7 @@ class Session:
             self._hold_until = -np.inf
 
     def configure(self, config: SlamConfig) -> None:
-        """Take changed parameters of the SLAM, for this map and those after it."""
+        """Change the SLAM's parameters, for this map and those after it."""
         with self._lock:
             self._config = config
             self.slam.configure(config)
@@ -85,16 +88,16 @@ class Session:
                 slam, stamp = self.slam, scan.stamp + self._shift
                 self._last_pose = odometry.pose
                 self._last_stamp = max(self._last_stamp, stamp)
-            step = slam.process(replace(scan, stamp=stamp), odometry)
+            step = slam.process(replace(scan, stamp=stamp), odometry, self.bodies)
             if step.reason:
                 self._count(step.reason, 'a scan was not used as it should')
             yield tag, step
 
-    def _resume(self, state: State) -> None:
-        """Go on from the state of an earlier run."""
-        self.slam = Slam(self._config, background=True, state=state)
-        self._last_stamp, odometry = self.slam.last_stamp, state.tracker['odometry']
-        self._last_pose = odometry[1:4]
+    def _resume(self, checkpoint: Checkpoint) -> None:
+        """Go on from a checkpoint of an earlier run."""
+        self.slam = Slam(self._config, background=True, checkpoint=checkpoint)
+        self._last_stamp, odometry = self.slam.last_stamp, checkpoint.tracker.odometry
+        self._last_pose = None if odometry is None else odometry.pose
         self._resumed = True
 
     def _add_odometry(self, stamp: float, pose: Array, slip: Array | None) -> None:

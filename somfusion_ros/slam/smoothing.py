@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The whole estimate, solved again: Gauss-Newton over all kept relations (relinearisation).
+The whole estimate, solved again: Gauss-Newton over all kept constraints (relinearisation).
 
 An EKF linearises each measurement once, where the mean then was. When a loop moves the poses
 far, solving the sparse problem anew at the moved poses, and putting mean and covariance back in
@@ -9,34 +9,47 @@ the filter, takes that error out (Kaess et al. 2008).
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 from somfusion_ros.geometry import Array, wrap
-from somfusion_ros.slam.constraint import Relation
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam.constraint import Constraint
 
-ROBUST = 3.0          # loop residuals beyond this many sigmas count less and less (Cauchy)
-CONVERGED = 1e-4      # [m] [rad]
+
+@dataclass(frozen=True)
+class SmoothingTuning:
+    """How the whole problem is solved again."""
+
+    robust: float = tuned(
+        3.0, 'sigmas', 'beyond, loop residuals count less and less (Cauchy)', 'shared logs')
+    converged: float = tuned(
+        1e-4, 'm, rad', 'a smaller step ends the iteration', 'by design')
+
+
+TUNING = SmoothingTuning()
 
 
 class Problem:
-    """All relations between n views as arrays, ready for Gauss-Newton."""
+    """All constraints between n views as arrays, ready for Gauss-Newton."""
 
-    def __init__(self, relations: Sequence[Relation]) -> None:
-        self.i = np.array([r.first for r in relations])
-        self.j = np.array([r.second for r in relations])
-        self.z = np.array([r.z for r in relations])
-        self.Omega = np.linalg.inv(np.array([r.R for r in relations]))
-        self.loop = self.j - self.i != 1
+    def __init__(self, constraints: Sequence[Constraint]) -> None:
+        self.i = np.array([r.first for r in constraints])
+        self.j = np.array([r.second for r in constraints])
+        self.z = np.array([r.z for r in constraints])
+        self.Omega = np.linalg.inv(np.array([r.R for r in constraints]))
+        self.loop = np.ones(len(self.j), bool)      # all but the first of each view
+        self.loop[np.unique(self.j, return_index=True)[1]] = False
 
     def residuals(self, x: Array) -> tuple[Array, Array]:
         """Residuals (m, 3) z - h(x) and robust weights (m,)."""
         e = self.z - _between(x[self.i], x[self.j])
         e[:, 2] = wrap(e[:, 2])
         chi2 = np.einsum('ma,mab,mb->m', e, self.Omega, e)
-        return e, np.where(self.loop, 1.0 / (1.0 + chi2 / ROBUST ** 2), 1.0)
+        return e, np.where(self.loop, 1.0 / (1.0 + chi2 / TUNING.robust ** 2), 1.0)
 
     def normal_equations(self, x: Array) -> tuple[csc_matrix, Array]:
         """Information matrix (3 n, 3 n) and gradient (3 n,), view 0 held fixed."""
@@ -59,27 +72,27 @@ class Problem:
         return csc_matrix((blocks.ravel(), (r.ravel(), c.ravel())), shape=shape), g.ravel()
 
 
-def solve(poses: Array, relations: Sequence[Relation], iterations: int = 8) -> Array:
-    """Re-solve view poses (n, 3) from relations, starting at the given poses."""
-    x, problem = np.array(poses, dtype=float), Problem(relations)
+def solve(poses: Array, constraints: Sequence[Constraint], iterations: int = 8) -> Array:
+    """Re-solve view poses (n, 3) from constraints, starting at the given poses."""
+    x, problem = np.array(poses, dtype=float), Problem(constraints)
     for _ in range(iterations):
         H, g = problem.normal_equations(x)
         step = splu(H, permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
                     options={'SymmetricMode': True}).solve(g).reshape(-1, 3)
         x += step
         x[:, 2] = wrap(x[:, 2])
-        if np.abs(step).max() < CONVERGED:
+        if np.abs(step).max() < TUNING.converged:
             break
     return x
 
 
-def covariance(poses: Array, relations: Sequence[Relation]) -> Array:
+def covariance(poses: Array, constraints: Sequence[Constraint]) -> Array:
     """Covariance (3 n, 3 n) of solved view poses; only its lower triangle is valid."""
-    H, _ = Problem(relations).normal_equations(np.asarray(poses, dtype=float))
+    H, _ = Problem(constraints).normal_equations(np.asarray(poses, dtype=float))
     factor, info = dpotrf(H.toarray(order='F'), lower=1, overwrite_a=1)
     if info:
-        raise np.linalg.LinAlgError('the relations do not fix every view')
-    inverse, _ = dpotri(factor, lower=1, overwrite_c=1)
+        raise np.linalg.LinAlgError('the constraints do not fix every view')
+    inverse: Array = dpotri(factor, lower=1, overwrite_c=1)[0]
     return inverse
 
 

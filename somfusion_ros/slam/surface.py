@@ -25,7 +25,8 @@ class Surface:
     @cached_property
     def bare(self) -> NDArray[np.bool_]:
         """Mask (N,) of the points without a normal."""
-        return ~self.normals.any(1)
+        bare: NDArray[np.bool_] = ~(self.normals != 0.0).any(1)
+        return bare
 
     @cached_property
     def plane(self) -> NDArray[np.complex128]:

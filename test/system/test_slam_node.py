@@ -34,7 +34,7 @@ from somfusion_ros.io.bags.log import open_log  # noqa: E402
 from somfusion_ros.io.maps import read_map  # noqa: E402
 from somfusion_ros.ros.common import conversions as convert  # noqa: E402
 from somfusion_ros.ros.common import qos  # noqa: E402
-from somfusion_ros.slam.checkpoint_file import load_state  # noqa: E402
+from somfusion_ros.slam.checkpoint_file import load_checkpoint  # noqa: E402
 from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
 from somfusion_ros.slam.scan import Scan  # noqa: E402
 from somfusion_ros.slam.slam import Slam  # noqa: E402
@@ -186,7 +186,7 @@ def test_a_robot_that_is_killed_goes_on_with_its_map(graph: Graph, tmp_path: Pat
     before = graph.until(lambda: robot.maps and robot.maps[-1].header.stamp
                          == robot.poses[-1].header.stamp and robot.maps[-1], 'the last map')
     state = tmp_path / 'state' / 'robot1.npz'
-    graph.until(lambda: state.exists() and load_state(state).memory.track[-1][0]
+    graph.until(lambda: state.exists() and load_checkpoint(state).memory.track[-1][0]
                 >= robot.last_stamp() - 0.01, 'the last scan in the state')
     graph.processes.kill('slam robot1')
 

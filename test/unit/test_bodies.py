@@ -5,7 +5,7 @@
 from helpers import fake_grid, fake_room, fake_scan
 import numpy as np
 from somfusion_ros.geometry import apply, Array, compose, inverse, Pose
-from somfusion_ros.slam.bodies import hide_bodies
+from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import cloud, Scan
 from somfusion_ros.slam.slam import Slam
@@ -33,23 +33,23 @@ def returns(scan: Scan) -> Array:
 def test_a_body_is_left_out_of_a_scan_and_the_walls_are_not() -> None:
     seen = fake_scan(np.concatenate([ROOM, body(3.0, 1.6)]), HERE)
     alone = fake_scan(ROOM, HERE)
-    hidden = hide_bodies(seen, HERE, np.array([(3.0, 1.6)]), RADIUS + 0.1)
+    hidden = Bodies(np.array([(3.0, 1.6)]), RADIUS + 0.1).hide(seen, HERE)
     near = np.hypot(*(returns(seen) - (3.0, 1.6)).T) < RADIUS + 0.1
     assert near.sum() > 20
     assert not (np.hypot(*(returns(hidden) - (3.0, 1.6)).T) < RADIUS + 0.1).any()
     assert len(returns(hidden)) == (~near).sum()
-    assert np.array_equal(hide_bodies(alone, HERE, np.array([(3.0, 1.6)]), 0.35).ranges,
-                          alone.ranges)
+    bodies = Bodies(np.array([(3.0, 1.6)]), 0.35)
+    assert np.array_equal(bodies.hide(alone, HERE).ranges, alone.ranges)
 
 
 def test_nobody_around_changes_nothing() -> None:
     scan = fake_scan(ROOM, HERE)
-    assert hide_bodies(scan, HERE, np.empty((0, 2)), 0.5) is scan
+    assert Bodies(np.empty((0, 2)), 0.5).hide(scan, HERE) is scan
 
 
 def test_the_beams_that_met_a_body_free_nothing_behind_it() -> None:
     seen = fake_scan(np.concatenate([ROOM, body(3.0, 1.6)]), HERE)
-    hidden = hide_bodies(seen, HERE, np.array([(3.0, 1.6)]), RADIUS + 0.1)
+    hidden = Bodies(np.array([(3.0, 1.6)]), RADIUS + 0.1).hide(seen, HERE)
     rim = apply(HERE, cloud(hidden, 30.0).outline.rim)
     beyond = np.hypot(*(rim - HERE[:2]).T) > 1.6
     away = np.arctan2(*(rim - HERE[:2]).T[::-1]) - np.arctan2(0.1, 1.5)
@@ -100,8 +100,8 @@ def test_a_map_of_scans_without_the_body_has_no_wall_there() -> None:
         scan = fake_scan(np.concatenate([ROOM, body(4.5, 2.6)]), pose, 0.1 * step)
         place = apply(inverse(HERE), np.array([(4.5, 2.6)]))
         T_map_base = Pose(0.08 * step, 0.0, 0.0)
-        slam.process(hide_bodies(scan, T_map_base, place, RADIUS + 0.15),
-                     Odometry(0.1 * step, np.array(T_map_base), np.zeros(3)))
+        slam.process(scan, Odometry(0.1 * step, np.array(T_map_base), np.zeros(3)),
+                     Bodies(place, RADIUS + 0.15))
     grid = slam.grid()
     away = np.hypot(*(grid.points(grid.occupied) - place[0]).T)
     assert grid.occupied.sum() > 100

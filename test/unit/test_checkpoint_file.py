@@ -8,7 +8,7 @@ from helpers import fake_odometry, fake_room, fake_scan, fake_trajectory, pose_e
 import numpy as np
 import pytest
 from somfusion_ros.geometry import between, compose
-from somfusion_ros.slam.checkpoint_file import load_state, save_state
+from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.slam import Slam
 
@@ -37,8 +37,8 @@ def half() -> Slam:
 
 def resumed(slam: Slam, path: Path) -> Slam:
     """Save a SLAM and start another one from the file."""
-    save_state(path, slam.state())
-    return Slam(slam.config, state=load_state(path))
+    save_checkpoint(path, slam.checkpoint())
+    return Slam(slam.config, checkpoint=load_checkpoint(path))
 
 
 def test_nothing_is_lost_by_a_restart(half: Slam, tmp_path: Path) -> None:
@@ -82,14 +82,14 @@ def test_a_robot_whose_odometry_began_anew_is_found_where_it_stood(half: Slam,
 def test_a_save_that_breaks_off_leaves_the_old_state(half: Slam, tmp_path: Path,
                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / 'state.npz'
-    save_state(path, half.state())
+    save_checkpoint(path, half.checkpoint())
     before = path.read_bytes()
 
     def full(*given: object, **arrays: object) -> None:
         raise OSError('no space left on device')
     monkeypatch.setattr(np, 'savez', full)
     with pytest.raises(OSError, match='no space'):
-        save_state(path, half.state())
+        save_checkpoint(path, half.checkpoint())
     assert path.read_bytes() == before
 
 
@@ -98,30 +98,30 @@ def test_a_save_that_breaks_off_leaves_the_old_state(half: Slam, tmp_path: Path,
     lambda b: b[:5000] + bytes(4000) + b[9000:]], ids=['empty', 'text', 'cut', 'zeros'])
 def test_a_damaged_file_is_refused_by_name(damage: object, half: Slam, tmp_path: Path) -> None:
     path = tmp_path / 'state.npz'
-    save_state(path, half.state())
+    save_checkpoint(path, half.checkpoint())
     path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(ValueError, match='state.npz: not a usable state'):
-        load_state(path)
+    with pytest.raises(ValueError, match='state.npz: not a usable checkpoint'):
+        load_checkpoint(path)
 
 
 @pytest.mark.parametrize(('name', 'change'), [
     ('version', lambda v: v + 1), ('poses', lambda v: v[:-1]), ('poses', lambda v: v * np.nan),
     ('scan_views', lambda v: v + 1000), ('scan_clouds', lambda v: v - 1),
     ('tracker_P', lambda v: v[:2]), ('tracker_odometry', lambda v: v[:0]),
-    ('ends', lambda v: v[:-3]), ('relations', lambda v: v[:3]), ('track', lambda v: v[:0]),
+    ('ends', lambda v: v[:-3]), ('constraints', lambda v: v[:3]), ('track', lambda v: v[:0]),
     ('beams_lengths', lambda v: v + 1)])
 def test_a_file_whose_parts_do_not_fit_is_refused(name: str, change: object, half: Slam,
                                                   tmp_path: Path) -> None:
     path = tmp_path / 'state.npz'
-    save_state(path, half.state())
+    save_checkpoint(path, half.checkpoint())
     with np.load(path) as file:
         arrays = {key: file[key] for key in file.files}
     arrays[name] = change(arrays[name])
     np.savez(path, **arrays)
-    with pytest.raises(ValueError, match='not a usable state'):
-        load_state(path)
+    with pytest.raises(ValueError, match='not a usable checkpoint'):
+        load_checkpoint(path)
 
 
 def test_no_file_is_no_damage(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        load_state(tmp_path / 'nothing.npz')
+        load_checkpoint(tmp_path / 'nothing.npz')

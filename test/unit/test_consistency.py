@@ -69,7 +69,7 @@ def test_wheels_wrong_by_3_percent_are_estimated(radius: float, separation: floa
     trial = simulate_trial(lambda t: Scene(plan.segments), stamps, poses, SICK,
                            np.random.default_rng(7), wheels, slip=0.005)
     out = run_trial(trial)
-    c = out.slam._tracker.calibration
+    c = out.slam._map.tracker.calibration
     for estimate, sigma, true in (
             (c.travelling[0], np.sqrt(c.P_travelling[0, 0]), radius - 1.0),
             (c.turning[1], np.sqrt(c.P_turning[1, 1]), radius / separation - 1.0)):

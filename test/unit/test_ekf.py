@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import between, between_jacobians, compose, wrap
 from somfusion_ros.slam import smoothing
-from somfusion_ros.slam.constraint import Relation
+from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 
 Q = np.diag([0.02, 0.01, 0.01]) ** 2
 STEP = np.array([0.5, 0.0, 2 * np.pi / 40])
 
 
-def chain(n: int, rng: np.random.Generator) -> tuple[DelayedStateEkf, list[Relation]]:
+def chain(n: int, rng: np.random.Generator) -> tuple[DelayedStateEkf, list[Constraint]]:
     """Drive a circle with noisy steps."""
-    ekf, relations = DelayedStateEkf(anchors=1), []
+    ekf, constraints = DelayedStateEkf(anchors=1), []
     ekf.augment(np.zeros(3), Q)
     for k in range(1, n):
         z = STEP + rng.multivariate_normal(np.zeros(3), Q)
         ekf.augment(z, Q)
-        relations.append(Relation(k - 1, k, z, Q))
-    return ekf, relations
+        constraints.append(Constraint(k - 1, k, z, Q))
+    return ekf, constraints
 
 
 def dense(ekf: DelayedStateEkf) -> np.ndarray:
@@ -45,7 +45,7 @@ def test_an_update_is_the_kalman_update(seed, n):
     innovation = z - between(x[i], x[j])
     innovation[2] = wrap(innovation[2])
     expected = x + (K @ innovation).reshape(-1, 3)
-    ekf.update(Relation(int(i), int(j), z, R))
+    ekf.update(Constraint(int(i), int(j), z, R))
     error = ekf.poses - expected
     error[:, 2] = wrap(error[:, 2])   # a heading of pi may be written as -pi
     np.testing.assert_allclose(error, 0.0, atol=1e-9)
@@ -56,7 +56,7 @@ def test_an_update_is_the_kalman_update(seed, n):
 def test_covariance_stays_symmetric_and_positive():
     ekf, _ = chain(120, np.random.default_rng(3))
     for i in range(40):
-        ekf.update(Relation(i, i + 79, between(ekf.poses[i], ekf.poses[i + 79]), Q))
+        ekf.update(Constraint(i, i + 79, between(ekf.poses[i], ekf.poses[i + 79]), Q))
     P = dense(ekf)
     np.testing.assert_allclose(P, P.T, atol=1e-12)
     assert np.linalg.eigvalsh(P).min() > -1e-12
@@ -66,38 +66,38 @@ def test_a_loop_shrinks_the_uncertainty_and_the_error():
     ekf, _ = chain(41, np.random.default_rng(5))
     error = np.hypot(*ekf.poses[40, :2])
     before = np.trace(ekf.block(40, 40))
-    ekf.update(Relation(0, 40, np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2))
+    ekf.update(Constraint(0, 40, np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2))
     assert np.trace(ekf.block(40, 40)) < 0.05 * before
     assert np.hypot(*ekf.poses[40, :2]) < 0.1 * error
 
 
 def test_the_filter_and_the_whole_solution_agree_on_small_loops():
-    ekf, relations = chain(41, np.random.default_rng(7))
-    loop = Relation(0, 40, between(ekf.poses[0], ekf.poses[40]) + (0.02, -0.02, 0.005), Q)
-    solved = smoothing.solve(ekf.poses, [*relations, loop])
+    ekf, constraints = chain(41, np.random.default_rng(7))
+    loop = Constraint(0, 40, between(ekf.poses[0], ekf.poses[40]) + (0.02, -0.02, 0.005), Q)
+    solved = smoothing.solve(ekf.poses, [*constraints, loop])
     ekf.update(loop)
     np.testing.assert_allclose(ekf.poses, solved, atol=2e-3)
-    P = smoothing.covariance(solved, [*relations, loop])
+    P = smoothing.covariance(solved, [*constraints, loop])
     np.testing.assert_allclose(np.tril(dense(ekf)), np.tril(P), atol=2e-4)
 
 
 def test_relinearising_takes_out_what_the_filter_cannot():
     """After a large loop closure the re-solved path is nearer the truth than the update."""
     rng = np.random.default_rng(11)
-    ekf, relations = DelayedStateEkf(), []
+    ekf, constraints = DelayedStateEkf(), []
     ekf.augment(np.zeros(3), Q)
     truth = [np.zeros(3)]
     for k in range(1, 121):
         truth.append(compose(truth[-1], STEP / (1, 1, 3)))
         z = STEP / (1, 1, 3) + (0.0, 0.0, 0.006) + rng.multivariate_normal(np.zeros(3), Q)
         ekf.augment(z, Q)
-        relations.append(Relation(k - 1, k, z, Q))
+        constraints.append(Constraint(k - 1, k, z, Q))
     R = np.diag([0.01, 0.01, 0.005]) ** 2
-    loops = [Relation(k, 120 - 5 + k, between(truth[k], truth[115 + k]), R) for k in range(5)]
+    loops = [Constraint(k, 120 - 5 + k, between(truth[k], truth[115 + k]), R) for k in range(5)]
     for loop in loops:
         ekf.update(loop)
     filtered = ekf.poses.copy()
-    ekf.relinearise(smoothing.solve(ekf.poses, [*relations, *loops], iterations=20))
+    ekf.relinearise(smoothing.solve(ekf.poses, [*constraints, *loops], iterations=20))
     truth = np.array(truth)
     error = [np.hypot(*(poses - truth)[:, :2].T).mean() for poses in (filtered, ekf.poses)]
     assert error[1] < 0.7 * error[0]
@@ -111,15 +111,15 @@ def test_views_that_came_meanwhile_follow_rigidly():
 
 
 def test_a_false_loop_counts_less_than_the_rest():
-    _, relations = chain(41, np.random.default_rng(7))
+    _, constraints = chain(41, np.random.default_rng(7))
     start = [np.zeros(3)]
-    for r in relations:
+    for r in constraints:
         start.append(compose(start[-1], r.z))
-    good = [Relation(0, 40, np.zeros(3), Q), Relation(1, 39, compose(-STEP, -STEP), Q)]
-    good[1] = Relation(0, 39, between(STEP, np.zeros(3)), Q)
-    bad = Relation(5, 20, np.array([3.0, 0.0, 0.0]), Q)
-    clean = smoothing.solve(np.array(start), [*relations, *good])
-    spoilt = smoothing.solve(np.array(start), [*relations, *good, bad], iterations=20)
+    good = [Constraint(0, 40, np.zeros(3), Q), Constraint(1, 39, compose(-STEP, -STEP), Q)]
+    good[1] = Constraint(0, 39, between(STEP, np.zeros(3)), Q)
+    bad = Constraint(5, 20, np.array([3.0, 0.0, 0.0]), Q)
+    clean = smoothing.solve(np.array(start), [*constraints, *good])
+    spoilt = smoothing.solve(np.array(start), [*constraints, *good, bad], iterations=20)
     assert np.abs(clean - spoilt)[:, :2].max() < 0.25
 
 
@@ -134,10 +134,10 @@ def test_marginalised_views_hang_between_their_anchors():
     for i, j in ((0, 160), (40, 199), (20, 180)):
         z = between(full.poses[i], full.poses[j]) + rng.normal(0.0, 0.01, 3)
         for ekf in (full, anchored):
-            ekf.update(Relation(i, j, z, Q))
+            ekf.update(Constraint(i, j, z, Q))
     np.testing.assert_allclose(anchored.block(199, 199), full.block(199, 199), rtol=1e-6)
     np.testing.assert_allclose(anchored.poses[anchored.kept], full.poses[anchored.kept], atol=1e-6)
     np.testing.assert_allclose(anchored.poses, full.poses, atol=0.02)
-    late = Relation(41, 130, between(anchored.poses[41], anchored.poses[130]), Q)
+    late = Constraint(41, 130, between(anchored.poses[41], anchored.poses[130]), Q)
     assert not anchored.kept[[41, 130]].any(), 'a loop found late, between marginalised views'
     assert anchored.update(late) < 0.05 and (np.diag(anchored.relative(41, 130)[1]) > 0).all()

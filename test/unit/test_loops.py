@@ -10,10 +10,11 @@ import pytest
 from somfusion_ros.geometry import between, compose
 from somfusion_ros.slam import loop_matching
 from somfusion_ros.slam.config import SlamConfig
-from somfusion_ros.slam.constraint import Relation
+from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.loops import agree, Candidate, candidates, Loop, LoopClosure, SPAN
+from somfusion_ros.slam.loops import (agree, Candidate, candidates, Loop, LoopClosure,
+                                      TUNING)
 from somfusion_ros.slam.scan import cloud
 
 CONFIG = SlamConfig(loop_minimum_gap=5)
@@ -35,7 +36,7 @@ def straight(n: int, sigma: float) -> DelayedStateEkf:
 def test_candidates_are_old_views_near_by():
     ekf = straight(40, 0.01)
     found = candidates(39, ekf, np.zeros((40, 2)), CONFIG)
-    ties = [c for c in found if c.old == 39 - SPAN]
+    ties = [c for c in found if c.old == 39 - TUNING.span]
     assert len(ties) == 1 and 2 <= len(found) <= 3
     for candidate in found:
         assert candidate.old <= 39 - CONFIG.loop_minimum_gap
@@ -70,7 +71,7 @@ def test_a_place_is_recognised_from_afar():
     expected = between(PLACES[0], truth)
     guess = Candidate(0, expected + (0.8, -0.6, 0.2), np.array([0.4, 0.4, 0.1]))
     loop = loop_matching.match(guess, 9, clouds_of(truth[None])[0], lambda old: target, CONFIG)
-    distance, angle = pose_error(loop.relation.z, expected)
+    distance, angle = pose_error(loop.constraint.z, expected)
     assert distance < 0.03 and angle < np.radians(1)
     assert loop.agreement > 0.95 and not loop.sure
 
@@ -116,7 +117,7 @@ def test_a_view_that_fits_two_places_tells_neither(walls, unique):
 
 
 def loop_between(ekf: DelayedStateEkf, i: int, j: int, error: np.ndarray, sure: bool) -> Loop:
-    return Loop(Relation(i, j, compose(ekf.relative(i, j)[0], error), R), 1.0, sure)
+    return Loop(Constraint(i, j, compose(ekf.relative(i, j)[0], error), R), 1.0, sure)
 
 
 def test_a_loop_that_fits_a_sure_filter_is_trusted_at_once():
@@ -128,8 +129,8 @@ def test_a_loop_that_fits_a_sure_filter_is_trusted_at_once():
 def test_a_loop_far_from_expectation_waits_for_partners():
     ekf, error = straight(40, 0.3), np.array([1.5, 1.0, 0.2])
     closure = LoopClosure(CONFIG)
-    first = Relation(2, 35, compose(error, ekf.relative(2, 35)[0]), R)
-    others = [Relation(2, k, compose(error, ekf.relative(2, k)[0]), R) for k in (36, 37)]
+    first = Constraint(2, 35, compose(error, ekf.relative(2, 35)[0]), R)
+    others = [Constraint(2, k, compose(error, ekf.relative(2, k)[0]), R) for k in (36, 37)]
     assert closure.trusted(Loop(first, 1.0, False), ekf) == []
     assert closure.trusted(Loop(others[0], 1.0, False), ekf) == []
     assert len(closure.trusted(Loop(others[1], 1.0, False), ekf)) == 3
@@ -139,7 +140,7 @@ def test_loops_that_agree_must_span_as_much_travel_as_the_filter_is_unsure():
     """Views are 0.5 m apart: with a sigma of 0.6 m it takes the fifth loop."""
     ekf, closure = straight(40, 0.3), LoopClosure(CONFIG)
     error = np.array([1.5, 1.0, 0.2])
-    believed = [len(closure.trusted(Loop(Relation(
+    believed = [len(closure.trusted(Loop(Constraint(
         2, k, compose(error, ekf.relative(2, k)[0]), R), 1.0, False, 0.6), ekf))
         for k in range(31, 37)]
     assert believed == [0, 0, 0, 0, 5, 0]
@@ -150,8 +151,8 @@ def test_an_unsure_loop_outside_the_gate_is_never_trusted():
     ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
     error = np.array([1.5, 1.0, 0.2])
     for k in range(31, 39):
-        relation = Relation(2, k, compose(error, ekf.relative(2, k)[0]), R)
-        assert not closure.trusted(Loop(relation, 1.0, False, 0.6), ekf)
+        constraint = Constraint(2, k, compose(error, ekf.relative(2, k)[0]), R)
+        assert not closure.trusted(Loop(constraint, 1.0, False, 0.6), ekf)
 
 
 def test_a_loop_that_fits_elsewhere_is_never_trusted():
@@ -171,7 +172,7 @@ def test_loops_that_contradict_one_another_are_never_trusted():
 
 def test_agreement_does_not_depend_on_the_order():
     ekf = straight(40, 0.05)
-    a = loop_between(ekf, 2, 30, np.array([0.5, 0.3, 0.1]), False).relation
-    b = Relation(4, 33, compose(compose(between(ekf.poses[4], ekf.poses[2]), a.z),
-                                between(ekf.poses[30], ekf.poses[33])), R)
+    a = loop_between(ekf, 2, 30, np.array([0.5, 0.3, 0.1]), False).constraint
+    b = Constraint(4, 33, compose(compose(between(ekf.poses[4], ekf.poses[2]), a.z),
+                                  between(ekf.poses[30], ekf.poses[33])), R)
     assert agree(a, b, ekf)

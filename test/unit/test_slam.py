@@ -92,7 +92,7 @@ def test_a_turn_scale_is_learned():
         wrong.add(scan.stamp, pose)
     slam, _ = run(scans, wrong)
     distance, _ = errors(slam, scans, truth)
-    assert slam._tracker.calibration.turning[1] == pytest.approx(0.05, abs=0.02)
+    assert slam._map.tracker.calibration.turning[1] == pytest.approx(0.05, abs=0.02)
     assert distance.max() < 0.08
 
 

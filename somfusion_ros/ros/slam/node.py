@@ -33,7 +33,7 @@ from somfusion_ros.ros.slam.odometry_input import OdometryInput
 from somfusion_ros.ros.slam.peer_bodies import PeerBodies
 from somfusion_ros.ros.slam.publisher import SlamPublisher
 from somfusion_ros.ros.slam.status import Last, silence, slam_status
-from somfusion_ros.slam.checkpoint_keeper import StateKeeper
+from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.session import Session
 from std_srvs.srv import Trigger
@@ -50,8 +50,8 @@ class SlamNode(Node):
         super().__init__('slam_node')
         self._config = parameters.declare(self, SlamNodeConfig)
         self._count = Faults(self.get_logger())
-        self._keeper = StateKeeper(self._config.state_file, self._config.state_interval,
-                                   self._count, self.get_logger().info)
+        self._keeper = CheckpointKeeper(self._config.state_file, self._config.state_interval,
+                                        self._count, self.get_logger().info)
         state = self._keeper.load()
         self._slam_config = parameters.declare(self, SlamConfig, changeable=True)
         self._session = Session(self._slam_config, self._config.transform_timeout, self._count,
@@ -106,8 +106,8 @@ class SlamNode(Node):
         if mount is None:
             self._count('scans_without_mount', self._last.lacking, PATIENCE)
             return
-        scan = self._bodies.hide(convert.scan_from_message(
-            message, mount.T_base_laser, mount.upside_down), self._last.step)
+        scan = convert.scan_from_message(message, mount.T_base_laser, mount.upside_down)
+        self._session.bodies = self._bodies.known()
         self._session.add_scan(scan, message.header.stamp, self._ticks * TICK)
         self._tracker.wake()
 

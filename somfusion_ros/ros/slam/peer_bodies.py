@@ -10,9 +10,7 @@ import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import pose_from_message
-from somfusion_ros.slam.bodies import hide_bodies
-from somfusion_ros.slam.scan import Scan
-from somfusion_ros.slam.step import Step
+from somfusion_ros.slam.bodies import Bodies
 
 FORGOTTEN = 5.0   # [s] after which a place is too old to be used
 MOST = 64         # robots that are looked for in one scan
@@ -27,11 +25,10 @@ class PeerBodies:
         self._heard = float('-inf')
         node.create_subscription(PoseArray, names.PEER_BODIES, self._on_bodies, qos.LATEST)
 
-    def hide(self, scan: Scan, last: Step | None) -> Scan:
-        """Return a scan without its returns from other robots; the last step says where it was."""
-        if last is None or not self._radius or time.monotonic() - self._heard > FORGOTTEN:
-            return scan
-        return hide_bodies(scan, last.pose, self._bodies, self._radius)
+    def known(self) -> Bodies:
+        """Return the bodies to leave out of a scan; nobody where nothing was heard of late."""
+        forgotten = time.monotonic() - self._heard > FORGOTTEN
+        return Bodies() if forgotten else Bodies(self._bodies, self._radius)
 
     def _on_bodies(self, message: PoseArray) -> None:
         """Keep the newest places; leave out those that are not finite."""
