@@ -85,7 +85,8 @@ class LocalMap(Surface):
         x, y = cells.T
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
         seen: NDArray[np.bool_] = mask[np.where(inside, y, 0), np.where(inside, x, 0)] > 0
-        return seen & inside
+        seen[~inside] = False
+        return seen
 
     @cached_property
     def _free(self) -> tuple[NDArray[np.uint8], Array]:

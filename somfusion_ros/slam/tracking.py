@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
                                     squared_mahalanobis, wrap)
-from somfusion_ros.settings import tuned
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.covariance import along, ScaleError, sweep_covariance
@@ -26,41 +25,7 @@ from somfusion_ros.slam.recovery import Attempt, attempts, near, rivals, same
 from somfusion_ros.slam.restart import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import TrackerState
-
-
-@dataclass(frozen=True)
-class TrackingTuning:
-    """When odometry and match are believed."""
-
-    doubt: float = tuned(
-        36.0, 'squared sigmas', 'at which match and odometry disagree', 'shared logs')
-    agreed: float = tuned(
-        9.0, 'squared sigmas', 'at which they agree', 'shared logs')
-    similar: float = tuned(
-        0.05, 'share of points', 'by which a match must win over the one at the odometry',
-        'mit-csail')
-    sudden: float = tuned(
-        0.5, 'share of the usual inlier ratio', 'below, something happened', 'mit-csail')
-    typical: float = tuned(
-        0.9, 'share of the usual inlier ratio',
-        'above, nothing did, whatever the sigmas of the odometry say', 'intel')
-    broke: tuple[float, float] = tuned(
-        (0.3, 0.3), 'm, rad', 'unless the odometry broke off the motion by more than this',
-        'mit-csail')
-    memory: float = tuned(
-        0.2, 'weight', 'of the newest scan in the usual inlier ratio', 'not measured')
-    jump_speed: tuple[float, float] = tuned(
-        (4.0, 6.0), 'm/s, rad/s', 'no indoor robot drives faster: its odometry jumped',
-        'by design')
-    lost_sigma: tuple[float, float, float] = tuned(
-        (0.5, 0.3, 0.5), 'm, m, rad', 'added once the robot is lost', 'mit-csail')
-    catch_up: float = tuned(
-        3.0, 's', 'within which stalled odometry may report what it left out', 'mit-csail')
-    loose: float = tuned(
-        4.0, 'sigmas of the odometry', 'for the hold on a match', 'shared logs')
-
-
-TUNING = TrackingTuning()
+from somfusion_ros.slam.tracking_tuning import TUNING
 
 
 @dataclass(frozen=True, eq=False)
