@@ -29,8 +29,8 @@ import numpy as np  # noqa: E402
 from somfusion_ros.fusion.alignment import align  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.geometry import between, Pose  # noqa: E402
+from somfusion_ros.team.constraint import MapConstraint  # noqa: E402
 from somfusion_ros.team.global_map import merge_grids  # noqa: E402
-from somfusion_ros.team.graph import Edge  # noqa: E402
 from somfusion_ros.team.map_codec import MapEncoder  # noqa: E402
 from somfusion_ros.team.members import Team  # noqa: E402
 from somfusion_ros.team.screening import outline, screen  # noqa: E402
@@ -64,15 +64,15 @@ def place(seed: int) -> np.ndarray:
     return ROOM * np.array([SIDE - 1 - column if row % 2 else column, row])
 
 
-def accepted(count: int) -> dict[str, list[Edge]]:
+def accepted(count: int) -> dict[str, list[MapConstraint]]:
     """List what each robot accepted about the one behind it, by its name."""
     rng, said = np.random.default_rng(0), {}
     for number in range(count - 1):
         T = between(between(frame(number), Pose()), between(frame(number + 1), Pose()))
         if rng.random() < WRONG:
             T = T + (3.0, -2.0, 1.0)
-        said[named(number)] = [Edge(named(number), named(number + 1), Pose.from_array(T),
-                                    1e-3 * np.eye(3))]
+        said[named(number)] = [MapConstraint(
+            named(number), named(number + 1), Pose.from_array(T), 1e-3 * np.eye(3))]
     return said
 
 
@@ -100,8 +100,8 @@ def measure(count: int) -> list[float]:
             with timed(seconds, 1):
                 team.record(named(number), align(target, source), target, source, 0.0)
     with timed(seconds, 2):
-        for owner, edges in accepted(count).items():
-            team.hear(owner, edges)
+        for owner, constraints in accepted(count).items():
+            team.hear(owner, constraints)
         solution = team.solution()
     world = solution.group_of(team.name)
     for number in range(count):

@@ -13,7 +13,7 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.io.maps import MapError, write_map
 
 if TYPE_CHECKING:
-    from somfusion_ros.team.offline import Fusion, Pair
+    from somfusion_ros.team.offline import Fusion, PairResult
 
 RESULT, EVIDENCE = 'result.json', 'evidence.npz'
 
@@ -29,7 +29,7 @@ def fusion_record(fusion: 'Fusion') -> dict[str, Any]:
     }
 
 
-def pair_record(pair: 'Pair') -> dict[str, Any]:
+def pair_record(pair: 'PairResult') -> dict[str, Any]:
     """Describe one pair for result.json."""
     found = pair.alignment
     rival = found.runner_up

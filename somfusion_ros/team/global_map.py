@@ -9,15 +9,28 @@ robot has driven there is no wall: what others saw there was the robot.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, compose, Pose
 from somfusion_ros.grid import FREE_ABOVE, Grid, MAX_CELLS, OCCUPIED_BELOW
+from somfusion_ros.settings import tuned
 
 MAX_SIDE = 32766     # OpenCV holds image coordinates in 16 bits
-ALIGNED = 1e-6       # cells; corners nearer than this to a cell line lie on it
+
+
+@dataclass(frozen=True)
+class DrawingTuning:
+    """What is exact enough."""
+
+    aligned: float = tuned(
+        1e-6, 'cells', 'corners nearer than this to a cell line lie on it; far above what doubles '
+        'lose, far below a cell', 'by design')
+
+
+TUNING = DrawingTuning()
 
 
 def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
@@ -84,7 +97,7 @@ def _bounds(grid: Grid, T_world_map: Pose, resolution: float) -> tuple[Array, Ar
     cells = apply(compose(T_world_map, grid.T_frame_grid), corners) / resolution
     if not np.abs(cells).max() < 2 ** 31:
         raise ValueError('a map lies too far from the world origin')
-    low, high = np.floor(cells.min(0) + ALIGNED), np.ceil(cells.max(0) - ALIGNED)
+    low, high = np.floor(cells.min(0) + TUNING.aligned), np.ceil(cells.max(0) - TUNING.aligned)
     return low.astype(int), np.maximum(high, low + 1).astype(int)
 
 
@@ -102,7 +115,7 @@ def _resample(grid: Grid, T_world_map: Pose, resolution: float, first: Array,
     Cells coarser than the map's are sampled several times: a wall among the samples wins, so
     that thin walls survive, else their mean counts.
     """
-    samples = max(1, int(np.ceil(resolution / grid.resolution - ALIGNED)))
+    samples = max(1, int(np.ceil(resolution / grid.resolution - TUNING.aligned)))
     fine = resolution / samples
     x, y, theta = compose(T_world_map, grid.T_frame_grid)
     # Cell centres: world = R (source + 1/2) g + t, and image pixel = (world / fine) - 1/2 - first.
@@ -112,10 +125,11 @@ def _resample(grid: Grid, T_world_map: Pose, resolution: float, first: Array,
     width, height = (last - first) * samples
     if max(width, height, *grid.shape) > MAX_SIDE:
         raise ValueError(f'a map of {width} x {height} cells is too large to resample')
-    image = cv2.warpAffine(grid.evidence, matrix, (int(width), int(height)),
-                           flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    image = np.asarray(cv2.warpAffine(
+        grid.evidence, matrix, (int(width), int(height)), flags=cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT, borderValue=0), np.float32)
     if samples == 1:
         return image
     blocks = image.reshape(height // samples, samples, width // samples, samples)
     lowest, mean = blocks.min((1, 3)), blocks.mean((1, 3))
-    return np.where(lowest < OCCUPIED_BELOW, lowest, mean)
+    return np.asarray(np.where(lowest < OCCUPIED_BELOW, lowest, mean), np.float32)

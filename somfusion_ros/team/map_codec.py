@@ -9,6 +9,7 @@ does no harm. It holds the differences of the cells in the smallest rectangle th
 Both carry a digest of the result, so that a map is either what the sender had or nothing.
 """
 
+from dataclasses import dataclass
 from hashlib import blake2b
 import struct
 from typing import NamedTuple
@@ -18,15 +19,27 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import UNKNOWN
-from somfusion_ros.team.shared_map import Cells
+from somfusion_ros.settings import tuned
+from somfusion_ros.team.shared_map import MapCells
 
 KEY, CHANGE = b'SOMKEY1', b'SOMCHG1'
 # Kind of message, digest of the key and of the result; rows, columns, resolution and origin of
 # the result; first row and column of the key in it; rectangle of the change: row, column, size.
 HEADER = struct.Struct('<7s8s8sII4d2i4I')
 LEVEL = 6             # of zlib
-WHOLE = 1e-3          # cells; lattices that are nearer to a whole number of cells apart are one
 MAX_SHIFT = 1 << 20   # cells that a map may grow beyond its key
+
+
+@dataclass(frozen=True)
+class CodecTuning:
+    """When two maps lie on one lattice."""
+
+    whole: float = tuned(
+        1e-3, 'cells', 'lattices that are nearer to a whole number of cells apart are one',
+        'by design')
+
+
+TUNING = CodecTuning()
 
 
 class Header(NamedTuple):
@@ -50,16 +63,16 @@ class Header(NamedTuple):
 
 
 class MapEncoder:
-    """Turns a robot's maps into messages: `key`, and `change` or None, are what counts now."""
+    """Encodes a robot's maps as messages: `key`, and `change` or None, are what counts now."""
 
     def __init__(self) -> None:
         self.key = b''
         self.change: bytes | None = None
-        self._cells: Cells | None = None
+        self._cells: MapCells | None = None
         self._spent = 0
 
-    def encode(self, cells: Cells) -> None:
-        """Take the newest map; a new key is made once the changes have cost as much as one."""
+    def encode(self, cells: MapCells) -> None:
+        """Encode the newest map; a new key is made once the changes have cost as much as one."""
         corner = None if self._cells is None else _corner(self._cells, cells)
         if corner is not None and self._spent < len(self.key):
             self.change = self._difference(cells, corner)
@@ -67,7 +80,7 @@ class MapEncoder:
         if corner is None or self._spent >= len(self.key):
             self.key, self.change, self._cells, self._spent = _key(cells), None, cells, 0
 
-    def _difference(self, cells: Cells, corner: tuple[int, int]) -> bytes:
+    def _difference(self, cells: MapCells, corner: tuple[int, int]) -> bytes:
         """Message of what differs from the key, whose corner lies at (row, column) of the map."""
         differs = cells.values ^ _moved(self._cells.values, cells.values.shape, corner)
         rows, columns = np.flatnonzero(differs.any(1)), np.flatnonzero(differs.any(0))
@@ -80,16 +93,16 @@ class MapEncoder:
 
 
 class MapDecoder:
-    """Turns messages back into maps, in whatever order they come."""
+    """Decodes messages to maps, in whatever order they come."""
 
     def __init__(self, max_cells: int) -> None:
         self._max_cells = max_cells
-        self._key: tuple[bytes, Cells] | None = None
+        self._key: tuple[bytes, MapCells] | None = None
         self._change: bytes | None = None
 
-    def decode(self, message: bytes) -> Cells | None:
+    def decode(self, message: bytes) -> MapCells | None:
         """
-        Take a message in; give the newest map, None while its key is missing.
+        Decode a message; return the newest map, None while its key is missing.
 
         ValueError, naming what is wrong, on anything that is no message; it changes nothing.
         """
@@ -104,8 +117,8 @@ class MapDecoder:
         self._change = message
         return None
 
-    def _newest(self) -> Cells:
-        """Give the key with the change that waited for it, if that is any good."""
+    def _newest(self) -> MapCells:
+        """Return the key with the change that waited for it, if that is any good."""
         if self._change is not None:
             header = _parse(self._change, self._max_cells)
             if header.key == self._key[0]:
@@ -115,7 +128,7 @@ class MapDecoder:
                     self._change = None
         return self._key[1]
 
-    def _apply(self, header: Header, message: bytes) -> Cells:
+    def _apply(self, header: Header, message: bytes) -> MapCells:
         """Put a change on its key."""
         shape = header.rows, header.columns
         values = _moved(self._key[1].values, shape, (header.key_row, header.key_column))
@@ -125,33 +138,33 @@ class MapDecoder:
         return _cells(header, values)
 
 
-def _key(cells: Cells) -> bytes:
+def _key(cells: MapCells) -> bytes:
     """Message of a whole map."""
     header = _header(KEY, cells, _digest(cells), (0, 0), (0, 0, *cells.values.shape))
     return header + zlib.compress(cells.values.tobytes(), LEVEL)
 
 
-def _header(kind: bytes, cells: Cells, key: bytes, corner: tuple[int, int],
+def _header(kind: bytes, cells: MapCells, key: bytes, corner: tuple[int, int],
             box: tuple[int, int, int, int]) -> bytes:
     """Header of a message about a map."""
     return HEADER.pack(kind, key, _digest(cells), *cells.values.shape, cells.resolution,
                        *cells.T_frame_grid, *corner, *box)
 
 
-def _digest(cells: Cells) -> bytes:
+def _digest(cells: MapCells) -> bytes:
     """Eight bytes that no other map has."""
     geometry = struct.pack('<2I4d', *cells.values.shape, cells.resolution, *cells.T_frame_grid)
     return blake2b(np.ascontiguousarray(cells.values).data, digest_size=8, person=b'map',
                    salt=blake2b(geometry, digest_size=16).digest()).digest()
 
 
-def _corner(key: Cells, cells: Cells) -> tuple[int, int] | None:
+def _corner(key: MapCells, cells: MapCells) -> tuple[int, int] | None:
     """Row and column of the key's corner in a newer map; None where the lattices differ."""
     if key.resolution != cells.resolution or key.T_frame_grid.theta != cells.T_frame_grid.theta:
         return None
     at = compose(inverse(cells.T_frame_grid), key.T_frame_grid)[:2] / cells.resolution
     whole = np.rint(at)
-    if np.abs(at - whole).max() > WHOLE or np.abs(whole).max() > MAX_SHIFT:
+    if np.abs(at - whole).max() > TUNING.whole or np.abs(whole).max() > MAX_SHIFT:
         return None
     return int(whole[1]), int(whole[0])
 
@@ -204,9 +217,9 @@ def _inflate(message: bytes, header: Header) -> NDArray[np.int8]:
     return np.frombuffer(data, np.int8).reshape(header.height, header.width)
 
 
-def _cells(header: Header, values: NDArray[np.int8]) -> Cells:
+def _cells(header: Header, values: NDArray[np.int8]) -> MapCells:
     """Put a map together; ValueError unless it is the sender's."""
-    cells = Cells(values, header.resolution, Pose(header.x, header.y, header.theta))
+    cells = MapCells(values, header.resolution, Pose(header.x, header.y, header.theta))
     if not np.isfinite((header.resolution, *cells.T_frame_grid)).all():
         raise ValueError('map message with a resolution or an origin that is not finite')
     if _digest(cells) != header.digest:

@@ -13,12 +13,13 @@ from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.measures import measure
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.global_map import merge_grids
-from somfusion_ros.team.graph import Edge, Solution, solve
+from somfusion_ros.team.graph import Solution, solve
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class PairResult:
     """The verdict on one pair of maps, and how it came about where that was asked for."""
 
     target: str
@@ -36,7 +37,7 @@ class Fusion:
     of all its overlapping maps, None where it is one map alone.
     """
 
-    pairs: list[Pair]
+    pairs: list[PairResult]
     solution: Solution
     world: dict[str, Pose]
     unconnected: list[str]
@@ -63,23 +64,24 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
     for target, source in combinations(names, 2):
         pairs.append(_align(grids, target, source, config, traced, cache))
         on_pair()
-    edges = [Edge(p.target, p.source, p.alignment.T_target_source, p.alignment.covariance,
-                  p.alignment.probability) for p in pairs if p.alignment.accepted]
-    solution = solve(names, edges)
+    constraints = [MapConstraint(p.target, p.source, p.alignment.T_target_source,
+                                 p.alignment.covariance, p.alignment.probability)
+                   for p in pairs if p.alignment.accepted]
+    solution = solve(names, constraints)
     world = dict(solution.groups[0])
     return Fusion(pairs, solution, world, [n for n in names if n not in world],
                   merge_grids(grids, world), _whole_index(grids, world, config, cache))
 
 
 def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,
-           traced: bool, cache: FusionCache) -> Pair:
+           traced: bool, cache: FusionCache) -> PairResult:
     """Align one pair."""
     maps = grids[target], grids[source]
     alignment = align(*maps, config, cache=cache)
     if not traced:
-        return Pair(target, source, alignment)
+        return PairResult(target, source, alignment)
     found = trace(*maps, config, cache)
-    return Pair(target, source, alignment, replace(found, alignment=alignment))
+    return PairResult(target, source, alignment, replace(found, alignment=alignment))
 
 
 def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose],

@@ -7,6 +7,7 @@ A team has at most some tens of robots, so dense matrices and plain Gauss-Newton
 simplest and the fastest here. Node 0 is the anchor and stays at the identity.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +15,24 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from somfusion_ros.geometry import Array, between, between_jacobians, compose, inverse, wrap
+from somfusion_ros.settings import tuned
 
 MAX_ITERATIONS = 50
-FEW_ITERATIONS = 3     # of a graph that differs by one edge from one that is solved
-STEP_TOLERANCE = 1e-9
+FEW_ITERATIONS = 3     # of a graph that differs by one constraint from one that is solved
 
 
-class Graph(NamedTuple):
+@dataclass(frozen=True)
+class PoseGraphTuning:
+    """When the solution is found."""
+
+    step_tolerance: float = tuned(
+        1e-9, 'm, rad', 'a smaller step is none; all robots must find the same poses', 'by design')
+
+
+TUNING = PoseGraphTuning()
+
+
+class PoseGraph(NamedTuple):
     """
     Measured relative poses of nodes 0..nodes-1, all reachable from node 0.
 
@@ -33,14 +45,14 @@ class Graph(NamedTuple):
     measured: Array
     information: Array
 
-    def without(self, edge: int) -> 'Graph':
-        """Leave one edge out."""
-        keep = np.arange(len(self.pairs)) != edge
-        return Graph(self.nodes, self.pairs[keep], self.measured[keep], self.information[keep])
+    def without(self, constraint: int) -> 'PoseGraph':
+        """Leave one constraint out."""
+        keep = np.arange(len(self.pairs)) != constraint
+        return PoseGraph(self.nodes, self.pairs[keep], self.measured[keep], self.information[keep])
 
 
 class Estimate(NamedTuple):
-    """Poses (nodes, 3) in node 0's frame, covariances (nodes, 3, 3), chi-square per edge (E,)."""
+    """Poses (nodes, 3) in node 0's frame, covariances (nodes, 3, 3), chi-square (E,)."""
 
     poses: Array
     covariances: Array
@@ -48,19 +60,19 @@ class Estimate(NamedTuple):
 
 
 def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
-    """Nodes that edges connect to a start node, in rising order."""
+    """Nodes that constraints connect to a start node, in rising order."""
     a, b = pairs.reshape(-1, 2).T
     links = coo_array((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
     labels = connected_components(links, directed=False)[1]
     return np.flatnonzero(labels == labels[start]).tolist()
 
 
-def optimise(graph: Graph) -> Estimate:
-    """Gauss-Newton from the poses along a tree of the best-known edges."""
+def optimise(graph: PoseGraph) -> Estimate:
+    """Solve by Gauss-Newton, from the poses along a tree of the best-known constraints."""
     poses = _along_tree(graph)
     for _ in range(MAX_ITERATIONS):
         poses, step = _step(graph, poses)
-        if step < STEP_TOLERANCE:
+        if step < TUNING.step_tolerance:
             break
     H, _, chi2 = _linearise(graph, poses)
     P = np.zeros((3 * graph.nodes, 3 * graph.nodes))
@@ -70,15 +82,15 @@ def optimise(graph: Graph) -> Estimate:
     return Estimate(poses, covariances, chi2)
 
 
-def chi2_from(graph: Graph, poses: Array) -> float:
+def chi2_from(graph: PoseGraph, poses: Array) -> float:
     """Chi-square (sum) that a graph settles at, to first order, from poses that nearly fit it."""
     for _ in range(FEW_ITERATIONS):
         poses, _ = _step(graph, poses)
     return float(_linearise(graph, poses)[2].sum())
 
 
-def _step(graph: Graph, poses: Array) -> tuple[Array, float]:
-    """One step of Gauss-Newton: new poses and the size of the step."""
+def _step(graph: PoseGraph, poses: Array) -> tuple[Array, float]:
+    """Do one step of Gauss-Newton: new poses and the size of the step."""
     H, gradient, _ = _linearise(graph, poses)
     step = np.zeros(3 * graph.nodes)
     step[3:] = -np.linalg.solve(H[3:, 3:], gradient[3:])
@@ -87,8 +99,8 @@ def _step(graph: Graph, poses: Array) -> tuple[Array, float]:
     return poses, float(np.abs(step).max())
 
 
-def _linearise(graph: Graph, poses: Array) -> tuple[Array, Array, Array]:
-    """Build the normal matrix H, gradient, and chi-square per edge at the given poses."""
+def _linearise(graph: PoseGraph, poses: Array) -> tuple[Array, Array, Array]:
+    """Build the normal matrix H, gradient, and chi-square per constraint at the given poses."""
     count, (a, b) = len(graph.pairs), graph.pairs.T
     residual = between(poses[a], poses[b]) - graph.measured
     residual[:, 2] = wrap(residual[:, 2])
@@ -103,19 +115,19 @@ def _linearise(graph: Graph, poses: Array) -> tuple[Array, Array, Array]:
     return H, gradient, chi2.reshape(count)
 
 
-def _along_tree(graph: Graph) -> Array:
-    """Compose the measurements outward from node 0, best-known edges first."""
+def _along_tree(graph: PoseGraph) -> Array:
+    """Compose the measurements outward from node 0, best-known constraints first."""
     poses, placed = np.zeros((graph.nodes, 3)), np.arange(graph.nodes) == 0
     order = np.argsort(-np.linalg.det(graph.information), kind='stable')
     while not placed.all():
         leads_on = placed[graph.pairs[order]].sum(1) == 1
         if not leads_on.any():
             raise ValueError('the graph is not connected')
-        edge = order[leads_on.argmax()]
-        a, b = graph.pairs[edge]
+        constraint = order[leads_on.argmax()]
+        a, b = graph.pairs[constraint]
         if placed[a]:
-            poses[b] = compose(poses[a], graph.measured[edge])
+            poses[b] = compose(poses[a], graph.measured[constraint])
         else:
-            poses[a] = compose(poses[b], inverse(graph.measured[edge]))
+            poses[a] = compose(poses[b], inverse(graph.measured[constraint]))
         placed[[a, b]] = True
     return poses

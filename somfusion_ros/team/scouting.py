@@ -10,10 +10,21 @@ from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.grid import Grid
-from somfusion_ros.team.pair_history import missing_walls
+from somfusion_ros.settings import tuned
+from somfusion_ros.team.map_change import missing_walls
 from somfusion_ros.team.screening import screen
 
-PATIENCE = 5.0   # [s] between two looks at the same peer
+
+@dataclass(frozen=True)
+class ScoutingTuning:
+    """How often a peer is looked at."""
+
+    patience: float = tuned(
+        5.0, 's', 'between two looks at the same peer; shorter costs time, longer delays a match',
+        'not measured')
+
+
+TUNING = ScoutingTuning()
 
 
 @dataclass
@@ -42,7 +53,7 @@ class Scouting:
                 if not known.fresh and peer not in self.likely}
 
     def update(self, peer: str, clusters: Clusters) -> None:
-        """Take the newest clusters of a peer's map."""
+        """Update the newest clusters of a peer's map."""
         known = self._peers.setdefault(peer, _Peer(clusters))
         known.clusters, known.fresh = clusters, True
 
@@ -52,7 +63,7 @@ class Scouting:
         if own is None:
             return None
         waiting = sorted((known.at, peer) for peer, known in self._peers.items()
-                         if peer not in wanted and now - known.at >= PATIENCE)
+                         if peer not in wanted and now - known.at >= TUNING.patience)
         for _, peer in waiting:
             known = self._peers[peer]
             known.at = now
@@ -64,6 +75,6 @@ class Scouting:
         return None
 
     def _changed(self, before: Grid | None, own: Grid) -> bool:
-        """Tell whether the own map has enough new walls for another look."""
+        """Return whether the own map has enough new walls for another look."""
         return before is None or (before is not own
                                   and missing_walls(own, before) >= self._minimum_change)

@@ -21,11 +21,27 @@ from somfusion_ros.fusion.measures import tally
 from somfusion_ros.fusion.search import search
 from somfusion_ros.fusion.stopwatch import Stopwatch
 from somfusion_ros.geometry import place
+from somfusion_ros.settings import tuned
 
 BUDGET = 640          # clusters that a robot tells of its map: 19 kB
-MARGIN = 1.25         # a match is likely if the best pose is so many times better than the next,
-RATIO = 0.85          # or if this share of the walls that can be judged agrees
-LEAST = 6.0           # and in any case this length of wall [m]
+
+
+@dataclass(frozen=True)
+class ScreeningTuning:
+    """When a match is likely: missed ones are lost, false ones cost a map that is sent."""
+
+    margin: float = tuned(
+        1.25, '', 'a match is likely if the best pose is so many times better than the next',
+        'benchmarks/screening.py on the shared pairs')
+    ratio: float = tuned(
+        0.85, '', 'or if this share of the walls that can be judged agrees',
+        'benchmarks/screening.py on the shared pairs')
+    least: float = tuned(
+        6.0, 'm', 'and in any case this length of wall',
+        'benchmarks/screening.py on the shared pairs')
+
+
+TUNING = ScreeningTuning()
 
 
 @dataclass(frozen=True)
@@ -39,7 +55,8 @@ class Screening:
     @property
     def likely(self) -> bool:
         """Whether the whole maps are worth sending."""
-        return self.matched >= LEAST and (self.margin >= MARGIN or self.ratio >= RATIO)
+        return self.matched >= TUNING.least and (self.margin >= TUNING.margin
+                                                 or self.ratio >= TUNING.ratio)
 
 
 def outline(learned: LearnedMap, budget: int = BUDGET) -> Clusters:

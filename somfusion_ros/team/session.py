@@ -19,17 +19,36 @@ from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.settings import tuned
 from somfusion_ros.team.config import TeamConfig
-from somfusion_ros.team.departed import Keeping, Kept
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.global_map import merge_grids
-from somfusion_ros.team.graph import Edge, Solution
+from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
 
 DIGITS = 4    # of the poses that maps are drawn at [m, rad], so that all robots draw alike
-JUMP = (0.2, np.radians(2.0))   # [m, rad] a change of an accepted transform that is counted
-FIRST_PAUSE, LONGEST_PAUSE = 5.0, 600.0   # [s] without a match after a peer began maps anew
+
+
+@dataclass(frozen=True)
+class SessionTuning:
+    """What is counted as a jump, and how long a peer that begins maps anew is left alone."""
+
+    jump_distance: float = tuned(
+        0.2, 'm', 'an accepted transform that moves by more is counted as a jump; more than a '
+        'pose that holds moves at once', 'by design')
+    jump_heading: float = tuned(
+        float(np.radians(2.0)), 'rad', 'the same for the heading', 'by design')
+    first_pause: float = tuned(
+        5.0, 's', 'a peer that begins a new map for the second time is not matched for twice '
+        'this time, and twice as long again every time after', 'by design')
+    longest_pause: float = tuned(
+        600.0, 's', 'a peer is never left alone for longer', 'by design')
+
+
+TUNING = SessionTuning()
 
 
 @dataclass(frozen=True)
@@ -37,23 +56,23 @@ class Snapshot:
     """
     The team as it is known now.
 
-    own_transforms: T_own_peer of the pairs that the robot itself accepted; edges: the same with
-    covariances, as peers are told; solution: where all maps lie; verdicts: the newest alignment
-    with each peer; words: what became of it; settled: the peers on whose present maps the last
-    word is said; wanted: the peers whose whole maps are of use; kept, kept_maps: robots that are
-    gone, with their maps; sources: who has the map of a robot that is gone; jumps: accepted
-    transforms that changed by much.
+    own_transforms: T_own_peer of the pairs that the robot itself accepted; constraints: the same
+    with covariances, as peers are told; solution: where all maps lie; verdicts: the newest
+    alignment with each peer; words: what became of it; settled: the peers on whose present maps
+    the last word is said; wanted: the peers whose whole maps are of use; departed, departed_maps:
+    robots that are gone, with their maps; sources: who has the map of a robot that is gone; jumps:
+    accepted transforms that changed by much.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
-    edges: tuple[Edge, ...] = ()
+    constraints: tuple[MapConstraint, ...] = ()
     solution: Solution = field(default_factory=lambda: Solution((), {}))
     verdicts: dict[str, Alignment] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
     settled: frozenset[str] = frozenset()
     wanted: frozenset[str] = frozenset()
-    kept: tuple[Kept, ...] = ()
-    kept_maps: Mapping[str, SharedMap] = field(default_factory=dict)
+    departed: tuple[DepartedRobot, ...] = ()
+    departed_maps: Mapping[str, SharedMap] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
     jumps: int = 0
 
@@ -74,7 +93,7 @@ class FusionSession:
         self.snapshot = Snapshot()
         self._name, self._config, self._say = name, config, say
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else None)
-        self._keeping = Keeping(self._team)
+        self._departed = DepartedRobots(self._team)
         self._scouting = Scouting(config.minimum_change, self._cache)
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
@@ -95,16 +114,17 @@ class FusionSession:
         return learn(self.own_grid, self.fusion, self._cache)
 
     def placed_peers(self) -> list[tuple[LearnedMap, Pose]]:
-        """Give what was learned of the maps of accepted peers, each with T_own_peer."""
+        """Return what was learned of the maps of accepted peers, each with T_own_peer."""
         return [(learn(self._team.maps[peer].grid, self.fusion, self._cache), pose)
                 for peer, pose in self._team.own_transforms().items() if peer in self._team.maps]
 
     def take_map(self, robot: str, shared: SharedMap, now: float = 0.0) -> bool:
-        """Take a robot's map; tell whether it changed anything."""
+        """Update a robot's map; return whether it changed anything."""
         begun = self._team.begun_anew[robot]
         changed = self._team.update_map(robot, shared)
         if self._team.begun_anew[robot] > begun:
-            pause = 0.0 if not begun else min(FIRST_PAUSE * 2.0 ** begun, LONGEST_PAUSE)
+            longer = TUNING.first_pause * 2.0 ** begun
+            pause = min(longer, TUNING.longest_pause) if begun else 0.0
             self._looked[robot] = now + pause
             for peer in list(self._accepted) if robot == self._name else [robot]:
                 self._accepted.pop(peer, None)
@@ -113,25 +133,26 @@ class FusionSession:
         return changed
 
     def take_clusters(self, peer: str, clusters: Clusters) -> None:
-        """Take the clusters of a peer's map."""
+        """Update the clusters of a peer's map."""
         self._scouting.update(peer, clusters)
 
-    def take_state(self, owner: str, edges: Iterable[Edge], kept: tuple[Kept, ...]) -> None:
-        """Take all that a peer accepts now, and what it keeps of robots that are gone."""
-        self._team.hear(owner, edges)
-        self._keeping.hear(owner, kept)
+    def take_state(self, owner: str, constraints: Iterable[MapConstraint],
+                   departed: tuple[DepartedRobot, ...]) -> None:
+        """Replace all that a peer accepts, and what it knows of robots that are gone."""
+        self._team.hear(owner, constraints)
+        self._departed.hear(owner, departed)
 
-    def add_edge(self, owner: str, edge: Edge) -> None:
-        """Take one pair that a peer accepted, beside those that it told before."""
-        kept = [old for old in self._team.heard_of(owner) if old.robots != edge.robots]
-        self._team.hear(owner, [*kept, edge])
+    def add_constraint(self, owner: str, constraint: MapConstraint) -> None:
+        """Add one pair that a peer accepted, beside those that it told before."""
+        others = [old for old in self._team.heard_of(owner) if old.robots != constraint.robots]
+        self._team.hear(owner, [*others, constraint])
 
-    def take_sighting(self, edge: Edge) -> None:
-        """Take a sighting of a peer."""
-        self._team.sight(edge)
+    def take_sighting(self, constraint: MapConstraint) -> None:
+        """Add a sighting of a peer."""
+        self._team.sight(constraint)
 
     def peers(self) -> list[str]:
-        """Robots whose map is known beside the robot's own."""
+        """Return the robots whose map is known beside the robot's own."""
         return self._team.peers()
 
     def attempt(self, now: float, force: bool = False) -> str | None:
@@ -149,24 +170,24 @@ class FusionSession:
         self._say(f'{self._name} and {peer}: {self._words[peer]}; {verdict.reason}')
         return peer
 
-    def refresh(self, alive: Collection[str] | None = None) -> Snapshot:
+    def refresh(self, present: Collection[str] | None = None) -> Snapshot:
         """Place all maps anew by what is known now, and by who is there, if that is given."""
-        if alive is not None:
-            self._keeping.update(alive)
+        if present is not None:
+            self._departed.update(present)
         solution, pairs = self._team.solution(), self._team.pairs
-        dropped = {(d.edge.robots, d.edge.kind): d.reason for d in solution.dropped}
-        for edge in dropped.keys() - self._dropped:
-            self._say(dropped[edge])
+        dropped = {(d.constraint.robots, d.constraint.kind): d.reason for d in solution.dropped}
+        for new in dropped.keys() - self._dropped:
+            self._say(dropped[new])
         self._dropped = set(dropped)
         connected = solution.group_of(self._name).keys() - {self._name}
         self.snapshot = Snapshot(
-            self._team.own_transforms(), tuple(self._team.own_edges()), solution,
+            self._team.own_transforms(), tuple(self._team.own_constraints()), solution,
             {peer: pair.last for peer, pair in pairs.items() if pair.last is not None},
             dict(self._words),
             frozenset({peer for peer, pair in pairs.items() if pair.settled}
                       | self._scouting.unlikely - self._team.maps.keys()),
-            frozenset(self._scouting.likely | connected), self._keeping.kept,
-            self._keeping.maps(), dict(self._keeping.sources), self._jumps)
+            frozenset(self._scouting.likely | connected), self._departed.known,
+            self._departed.maps(), dict(self._departed.sources), self._jumps)
         return self.snapshot
 
     def draw(self) -> Grid | None:
@@ -210,7 +231,7 @@ class FusionSession:
         self.refresh()
 
     def _look(self, peer: str, now: float, force: bool) -> bool:
-        """Note that a pair is looked at, and tell whether it is due."""
+        """Note that a pair is looked at, and return whether it is due."""
         self._looked[peer] = now
         return force or self._team.is_due(peer, now)
 
@@ -218,11 +239,12 @@ class FusionSession:
         """Count an accepted transform that gave way to one elsewhere, at once or after a while."""
         if accepted is not None:
             step = between(self._accepted.get(peer, accepted), accepted)
-            self._jumps += bool(np.hypot(step[0], step[1]) > JUMP[0] or abs(step[2]) > JUMP[1])
+            self._jumps += bool(np.hypot(step[0], step[1]) > TUNING.jump_distance
+                                or abs(step[2]) > TUNING.jump_heading)
             self._accepted[peer] = accepted
 
     def _looks_drawn(self, parts: dict[str, tuple[SharedMap, Pose]]) -> bool:
-        """Tell whether the same maps lay at the same poses when last drawn."""
+        """Return whether the same maps lay at the same poses when last drawn."""
         return parts.keys() == self._drawn.keys() and all(
             shared is self._drawn[robot][0] and pose == self._drawn[robot][1]
             for robot, (shared, pose) in parts.items())

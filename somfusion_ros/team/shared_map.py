@@ -15,14 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import FREE, Grid
+from somfusion_ros.settings import tuned
 
-FINEST, COARSEST = 0.001, 5.0   # [m] edge of a cell that a map can have
-FARTHEST = 1e5                  # [m] between a map's origin and its frame's
-LEAP = 1.0                      # [m] between two places of a path that is not driven straight
-DRIVEN = -2           # value of a cell in which the robot's centre has been
+DRIVEN = -2                     # value of a cell in which the robot's centre has been
 
 
-class Cells(NamedTuple):
+@dataclass(frozen=True)
+class SharedMapTuning:
+    """What a robot's map can be, and how a path becomes driven cells."""
+
+    finest: float = tuned(0.001, 'm', 'edge of the smallest cell of any map', 'by design')
+    coarsest: float = tuned(5.0, 'm', 'edge of the largest cell of any map', 'by design')
+    farthest: float = tuned(
+        1e5, 'm', "anything farther from its frame's origin is no place of a robot", 'by design')
+    leap: float = tuned(
+        1.0, 'm', 'two places of a path that are farther apart were not joined by driving '
+        'straight', 'not measured')
+
+
+TUNING = SharedMapTuning()
+
+
+class MapCells(NamedTuple):
     """Cells (H, W) int8 of a map, their edge [m], and the pose of the corner of cell (0, 0)."""
 
     values: NDArray[np.int8]
@@ -38,7 +52,7 @@ class SharedMap:
     driven: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     @classmethod
-    def from_cells(cls, cells: Cells) -> 'SharedMap':
+    def from_cells(cls, cells: MapCells) -> 'SharedMap':
         """Read cells; ValueError, naming what is wrong, where they make no map of a robot."""
         check(cells)
         driven = cells.values == DRIVEN
@@ -46,32 +60,33 @@ class SharedMap:
         grid = Grid.from_occupancy(values, cells.resolution, cells.T_frame_grid)
         return cls(grid, grid.points(driven))
 
-    def to_cells(self) -> Cells:
+    def to_cells(self) -> MapCells:
         """Write cells, as they were read."""
         values = self.grid.to_occupancy()
         values[tuple(self.grid.point_to_cell(self.driven).T)] = DRIVEN
-        return Cells(values, self.grid.resolution, self.grid.T_frame_grid)
+        return MapCells(values, self.grid.resolution, self.grid.T_frame_grid)
 
     def same_as(self, other: 'SharedMap') -> bool:
-        """Tell whether two maps hold the same."""
+        """Return whether two maps hold the same."""
         one, two = self.grid, other.grid
         return (one.resolution == two.resolution and one.T_frame_grid == two.T_frame_grid
                 and np.array_equal(one.evidence, two.evidence)
                 and np.array_equal(self.driven, other.driven))
 
 
-def check(cells: Cells) -> None:
+def check(cells: MapCells) -> None:
     """Raise ValueError, naming what is wrong, on a geometry that no robot's map has."""
-    if not FINEST <= cells.resolution <= COARSEST:
-        raise ValueError(f'resolution {cells.resolution:.3g} m is outside [{FINEST}, {COARSEST}]')
-    if not max(abs(cells.T_frame_grid.x), abs(cells.T_frame_grid.y)) <= FARTHEST:
-        raise ValueError(f'origin {tuple(cells.T_frame_grid)} is over {FARTHEST:.0f} m away')
+    low, high, far = TUNING.finest, TUNING.coarsest, TUNING.farthest
+    if not low <= cells.resolution <= high:
+        raise ValueError(f'resolution {cells.resolution:.3g} m is outside [{low}, {high}]')
+    if not max(abs(cells.T_frame_grid.x), abs(cells.T_frame_grid.y)) <= far:
+        raise ValueError(f'origin {tuple(cells.T_frame_grid)} is over {far:.0f} m away')
 
 
-def mark_driven(cells: Cells, path: Iterable[Iterable[float]]) -> Cells:
+def mark_driven(cells: MapCells, path: Iterable[Iterable[float]]) -> MapCells:
     """Mark the cells that a path (N, 2) [m] in the map frame passes; bends are cut short."""
     points = np.asarray(list(path), dtype=float).reshape(-1, 2)
-    points = points[(np.abs(points) <= FARTHEST).all(1)]
+    points = points[(np.abs(points) <= TUNING.farthest).all(1)]
     if len(points):
         check(cells)
         grid = Grid.from_occupancy(cells.values, cells.resolution, cells.T_frame_grid)
@@ -87,7 +102,7 @@ def _dense(points: Array, step: float) -> Array:
     """Points (M, 2) along a path (N, 2), at most a step [m] apart; leaps stay empty."""
     gaps = np.diff(points, axis=0)
     length = np.hypot(*gaps.T)
-    count = np.where(length <= LEAP, np.ceil(length / step), 1.0).astype(int)
+    count = np.where(length <= TUNING.leap, np.ceil(length / step), 1.0).astype(int)
     which = np.repeat(np.arange(len(gaps)), count)
     share = (np.arange(len(which)) - np.repeat(count.cumsum() - count, count)) / count[which]
     return np.concatenate([points[which] + share[:, None] * gaps[which], points[-1:]])

@@ -4,6 +4,8 @@
 
 from array import array
 from collections.abc import Callable
+from functools import partial
+import time
 import tracemalloc
 from typing import Any
 
@@ -20,18 +22,19 @@ from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField  # no
 from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
 from somfusion_ros.geometry import Pose  # noqa: E402
 from somfusion_ros.ros.common import conversions as convert  # noqa: E402
-from somfusion_ros.ros.common.heard import Heard  # noqa: E402
-from somfusion_ros.ros.common.names import (CLUSTERS, TEAM_MAP, TEAM_MAP_CHANGES,  # noqa: E402
-                                            TEAM_STATE)
-from somfusion_ros.ros.fusion.inbox import Inbox  # noqa: E402
+from somfusion_ros.ros.fusion.receiver import Receiver  # noqa: E402
 from somfusion_ros.ros.fusion.team_messages import (bytes_from_message,  # noqa: E402
-                                                    bytes_message, clusters_from_message, State,
-                                                    state_from_message, state_message)
+                                                    bytes_message, clusters_from_message)
+from somfusion_ros.team.channels import CHANGES, MAP  # noqa: E402
 from somfusion_ros.team.config import TeamConfig  # noqa: E402
-from somfusion_ros.team.graph import Edge  # noqa: E402
+from somfusion_ros.team.constraint import MapConstraint  # noqa: E402
+from somfusion_ros.team.heard import Heard  # noqa: E402
+from somfusion_ros.team.inbox import Inbox  # noqa: E402
 from somfusion_ros.team.map_codec import MapDecoder, MapEncoder  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
-from somfusion_ros.team.shared_map import Cells, SharedMap  # noqa: E402
+from somfusion_ros.team.shared_map import MapCells, SharedMap  # noqa: E402
+from somfusion_ros.team.sightings import Sightings  # noqa: E402
+from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 MESSAGES = 20000
@@ -41,10 +44,10 @@ FLOATS = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-9, -0.05, 1e-300, 1e30
                    -3.0, 1e6, 100.0])
 COUNTS = np.array([0, 1, 2, 7, 100, 10 ** 6, 2 ** 31, 2 ** 32 - 1])
 ROOM = fake_grid(fake_room())
-CELLS = Cells(ROOM.to_occupancy(), ROOM.resolution, ROOM.T_frame_grid)
+CELLS = MapCells(ROOM.to_occupancy(), ROOM.resolution, ROOM.T_frame_grid)
 STREAM = MapEncoder()
 STREAM.encode(CELLS)
-GOOD_STATE = state_message(State('abc', (Edge('a', 'b', Pose(1, 2, 3), np.eye(3)),))).data
+GOOD_STATE = encode_state(TeamState('abc', (MapConstraint('a', 'b', Pose(1, 2, 3), np.eye(3)),)))
 
 
 def number(rng: np.random.Generator) -> float:
@@ -118,7 +121,7 @@ def a_state(rng: np.random.Generator) -> String:
         letters[rng.integers(len(letters))] = chr(rng.integers(32, 126))
     text = ''.join(letters)
     return String(data=rng.choice([text, text.replace('1.0', 'NaN'), '[' * 5000, '{}', '7',
-                                   text.replace('"edges": [', '"edges": [[],'),
+                                   text.replace('"constraints": [', '"constraints": [[],'),
                                    text[:rng.integers(len(text))]]))
 
 
@@ -158,7 +161,7 @@ KINDS: dict[str, tuple[Callable[[np.random.Generator], Any], Callable[[Any], Any
     'covariance': (a_pose, lambda m: convert.usable_covariance(m.pose.covariance)),
     'transform': (a_transform, convert.transform_from_message),
     'clusters': (a_cloud, clusters_from_message),
-    'state': (a_state, state_from_message),
+    'state': (a_state, lambda m: decode_state(m.data)),
     'stream': (a_stream, lambda m: DECODER.decode(bytes_from_message(m))),
     'odometry': (an_odometry, convert.odometry_from_message),
     'joints': (some_joints, lambda m: convert.wheels_from_message(m, 'l', 'r'))}
@@ -185,30 +188,36 @@ def test_any_scan_is_taken_as_it_is() -> None:
         assert len(convert.scan_from_message(message, Pose()).ranges) == len(message.ranges)
 
 
-def an_inbox(counts: list[str]) -> tuple[Inbox, FusionSession]:
+def a_receiver(counts: list[str]) -> tuple[Receiver, FusionSession]:
     """Make what robot1's fusion node takes messages with, and give it a map."""
     session = FusionSession('robot1', TeamConfig(), FusionConfig(), lambda text: None)
-    inbox = Inbox('robot1', session, LIMIT, lambda kind, reason='': counts.append(kind))
+
+    def count(kind: str, reason: str = '') -> None:
+        counts.append(kind)
+    inbox = Inbox('robot1', session, LIMIT, count, time.monotonic)
+    receiver = Receiver(inbox, Sightings('robot1', inbox.heard, session.take_sighting, count),
+                        LIMIT, count)
     inbox.heard |= {robot: Heard() for robot in ('robot1', 'robot2', 'robot9')}
-    inbox.keep('robot1', 'map', convert.grid_message(ROOM, 'map', Time()))
+    receiver.on_map('robot1', convert.grid_message(ROOM, 'map', Time()))
     inbox.drain()
-    return inbox, session
+    return receiver, session
 
 
 def test_a_flood_of_garbage_is_counted_under_its_sender_and_fills_no_memory() -> None:
     counts: list[str] = []
-    inbox, session = an_inbox(counts)
+    receiver, session = a_receiver(counts)
     rng = np.random.default_rng(1)
-    kinds = (('map', a_grid), (TEAM_MAP, a_stream), (TEAM_MAP_CHANGES, a_stream),
-             (TEAM_STATE, a_state), (CLUSTERS, a_cloud))
+    kinds = ((receiver.on_map, a_grid), (partial(receiver.on_bytes, channel=MAP), a_stream),
+             (partial(receiver.on_bytes, channel=CHANGES), a_stream), (receiver.on_state, a_state),
+             (receiver.on_clusters, a_cloud))
     tracemalloc.start()
     for step in range(1000):
-        topic, make = kinds[step % len(kinds)]
-        inbox.keep('robot9', topic, make(rng))
-        inbox.keep_pose('robot9', a_pose(rng))
-        inbox.keep_transform('robot9', a_transform(rng))
+        take, make = kinds[step % len(kinds)]
+        take('robot9', message=make(rng))
+        receiver.on_pose('robot9', a_pose(rng))
+        receiver.on_transform('robot9', a_transform(rng))
         if step % 20 == 0:
-            inbox.drain()
+            receiver.inbox.drain()
             session.refresh()
         if step == 300:
             before = tracemalloc.get_traced_memory()[0]
@@ -234,7 +243,7 @@ def two_and_a_liar(pose: Pose, resolution: float = 0.05) -> tuple[FusionSession,
     session.take_map('robot2', SharedMap(fake_grid(walls, T_map_walls=Pose(2.0, 1.0, 0.3))))
     session.take_map('robot9', SharedMap(fake_grid(fake_room(), resolution)))
     assert session.attempt(0.0) == 'robot2'
-    session.take_state('robot9', [Edge('robot1', 'robot9', pose, 1e-9 * np.eye(3))], ())
+    session.take_state('robot9', [MapConstraint('robot1', 'robot9', pose, 1e-9 * np.eye(3))], ())
     session.refresh()
     return session, said
 
@@ -255,9 +264,10 @@ def test_a_liar_with_tiny_cells_does_not_make_the_global_map_tiny() -> None:
 def test_a_liar_cannot_pull_two_others_apart() -> None:
     session, said = two_and_a_liar(Pose(5.0, 5.0, 1.0))
     truth = session.snapshot.world('robot1')['robot2']
-    lies = [Edge(f'robot{n}', 'robot9', Pose(5.0 * n, 5.0, float(n)), 1e-9 * np.eye(3), 1.0)
+    lies = [MapConstraint(f'robot{n}', 'robot9', Pose(5.0 * n, 5.0, float(n)), 1e-9 * np.eye(3))
             for n in (1, 2)]
-    session.take_state('robot2', [Edge('robot1', 'robot2', truth, 0.01 * np.eye(3), 0.9)], ())
+    honest = MapConstraint('robot1', 'robot2', truth, 0.01 * np.eye(3), 0.9)
+    session.take_state('robot2', [honest], ())
     session.take_state('robot9', lies * 20, ())
     placed = session.refresh().world('robot1')
     assert pose_error(placed['robot2'], truth)[0] < 0.01

@@ -23,10 +23,10 @@ from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.ros.apps.player import open_bag, read_records  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
-from somfusion_ros.ros.common.heard import Heard  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
 from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
+from somfusion_ros.team.heard import Heard  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
 

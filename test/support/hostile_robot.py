@@ -14,7 +14,7 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.ros.common import qos
 from somfusion_ros.ros.fusion.team_messages import bytes_message
 from somfusion_ros.team.map_codec import MapEncoder
-from somfusion_ros.team.shared_map import Cells
+from somfusion_ros.team.shared_map import MapCells
 from std_msgs.msg import String, UInt8MultiArray
 
 PERIOD = 0.01      # [s]
@@ -28,7 +28,7 @@ class HostileRobot(Node):
         super().__init__('hostile_robot', namespace=f'/{robot}')
         self._rng, self._count = np.random.default_rng(0), 0
         encoder = MapEncoder()
-        encoder.encode(Cells(np.zeros((50, 50), np.int8), 0.05, Pose()))
+        encoder.encode(MapCells(np.zeros((50, 50), np.int8), 0.05, Pose()))
         self._stream = encoder.key
         kinds = ((String, 'team/state', self._state), (UInt8MultiArray, 'team/map', self._bytes),
                  (UInt8MultiArray, 'team/map_changes', self._bytes),
@@ -49,7 +49,7 @@ class HostileRobot(Node):
 
     def _state(self) -> String:
         """Make a state that is none, or one with a new session each time."""
-        good = '{"session": "%d", "edges": [], "kept": []}' % self._count
+        good = '{"session": "%d", "constraints": [], "departed": []}' % self._count
         return String(data=good if self._count % 2 else self._noise().hex())
 
     def _bytes(self) -> UInt8MultiArray:

@@ -29,22 +29,22 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import qos
-from somfusion_ros.team.shared_map import Cells
+from somfusion_ros.team.shared_map import MapCells
 
 LIMIT = 10 ** 8
 
 
-def save_cells(path: Path, cells: Cells) -> None:
+def save_cells(path: Path, cells: MapCells) -> None:
     """Write cells to a file."""
     np.savez(path, values=cells.values, resolution=cells.resolution,
              origin=np.array(cells.T_frame_grid))
 
 
-def load_cells(path: Path) -> Cells:
+def load_cells(path: Path) -> MapCells:
     """Read cells from a file."""
     with np.load(path) as record:
-        return Cells(record['values'], float(record['resolution']),
-                     Pose.from_array(record['origin']))
+        return MapCells(record['values'], float(record['resolution']),
+                        Pose.from_array(record['origin']))
 
 
 class RobotClient(Node):

@@ -20,7 +20,7 @@ from robot_client import load_cells, save_cells
 from somfusion_ros.geometry import apply, between, compose, inverse, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.ros.apps.processes import free_domain
-from somfusion_ros.team.shared_map import Cells
+from somfusion_ros.team.shared_map import MapCells
 
 CLIENT = str(Path(__file__).with_name('robot_client.py'))
 FAST = {'estimation_rate': 2.0, 'merging_rate': 2.0, 'discovery_rate': 2.0,
@@ -43,7 +43,7 @@ def number_of(robot: str) -> int:
     return (int(robot.removeprefix('robot')) - 1) % 10 + 1
 
 
-def map_of(number: int, team: int, progress: float = 1.0) -> Cells:
+def map_of(number: int, team: int, progress: float = 1.0) -> MapCells:
     """Map of a robot 1..team: a part of the room that overlaps with its neighbours'."""
     width = min(SPAN, 7.0 + SPAN / team)
     first = (SPAN - width) * (number - 1) / max(team - 1, 1)
@@ -51,8 +51,8 @@ def map_of(number: int, team: int, progress: float = 1.0) -> Cells:
     straight = Grid(grid.evidence, grid.resolution, Pose.from_array(
         between(frame_of(number), grid.T_frame_grid)))
     part = cut_grid(straight, (first - 0.5, -1.0), (first + 0.5 + width * progress, 13.0))
-    return Cells(Grid(part.evidence, grid.resolution, grid.T_frame_grid).to_occupancy(),
-                 grid.resolution, grid.T_frame_grid)
+    return MapCells(Grid(part.evidence, grid.resolution, grid.T_frame_grid).to_occupancy(),
+                    grid.resolution, grid.T_frame_grid)
 
 
 class Lab:
@@ -64,7 +64,7 @@ class Lab:
         self._clients: dict[str, subprocess.Popen[str]] = {}
         self.nodes: dict[str, subprocess.Popen[bytes]] = {}
         self._prefixes: dict[str, list[str]] = {}
-        self._published: dict[str, Cells] = {}
+        self._published: dict[str, MapCells] = {}
 
     def __enter__(self) -> 'Lab':
         """Begin with no robot."""
@@ -84,7 +84,7 @@ class Lab:
                 process.kill()
                 process.wait()
 
-    def add(self, robot: str, cells: Cells | None = None, host: Host | None = None,
+    def add(self, robot: str, cells: MapCells | None = None, host: Host | None = None,
             **parameters: Any) -> None:
         """Start a robot's client and fusion node, and publish its map."""
         self._prefixes[robot] = host.prefix if host else []
@@ -147,7 +147,7 @@ class Lab:
         client.stdin.flush()
         return json.loads(client.stdout.readline())
 
-    def publish(self, robot: str, cells: Cells, stamp: float = 1.0) -> None:
+    def publish(self, robot: str, cells: MapCells, stamp: float = 1.0) -> None:
         """Publish a robot's map."""
         path = self._folder / f'{robot}_map.npz'
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -159,7 +159,7 @@ class Lab:
         """Give the newest diagnostics of a robot's fusion node, or of what it says of a peer."""
         return self.ask(robot)['status'].get(peer, {})
 
-    def global_map(self, robot: str) -> Cells | None:
+    def global_map(self, robot: str) -> MapCells | None:
         """Give a robot's newest global map."""
         path = self._folder / f'{robot}_global.npz'
         path.unlink(missing_ok=True)
@@ -212,7 +212,7 @@ class Lab:
         return self.until(equal, lambda: f'the global maps of {robots} equal, of all of '
                           f'{sorted(team)}: {worst}', timeout)
 
-    def _shown(self, merged: Cells, robot: str, world: str) -> float:
+    def _shown(self, merged: MapCells, robot: str, world: str) -> float:
         """Share of what a robot published last that a global map knows, at its true place."""
         cells = self._published[robot]
         grid, whole = (Grid.from_occupancy(c.values, c.resolution, c.T_frame_grid)
@@ -240,7 +240,7 @@ class Lab:
                          for path in sorted(self._folder.glob('*.log')))
 
 
-def equal_share(one: Cells, other: Cells) -> float:
+def equal_share(one: MapCells, other: MapCells) -> float:
     """Share of the cells known in either of two global maps that are the same in both."""
     corners = [np.rint(np.array(cells.T_frame_grid[1::-1]) / cells.resolution).astype(int)
                for cells in (one, other)]

@@ -13,7 +13,7 @@ import signal
 
 from helpers import fake_grid, fake_room, need_ros
 import pytest
-from somfusion_ros.team.shared_map import Cells
+from somfusion_ros.team.shared_map import MapCells
 
 need_ros()
 
@@ -92,7 +92,7 @@ def test_a_flood_of_garbage_hurts_nobody(lab: Lab) -> None:
 
 def test_a_map_that_flips_between_two_buildings_loses_that_robot_at_most(lab: Lab) -> None:
     elsewhere = fake_grid(fake_room(5.0, 4.0), T_map_walls=frame_of(9))
-    flipped = Cells(elsewhere.to_occupancy(), elsewhere.resolution, elsewhere.T_frame_grid)
+    flipped = MapCells(elsewhere.to_occupancy(), elsewhere.resolution, elsewhere.T_frame_grid)
     for _ in range(3):
         for cells in (flipped, map_of(3, SIZE)):
             lab.publish('robot3', cells)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, inverse, Pose
-from somfusion_ros.team.graph import Dropped, Edge, solve, with_drift
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.graph import Dropped, solve, with_drift
 
 EXACT = np.eye(3) * 1e-6
 
@@ -21,10 +22,10 @@ def team(count: int, rng: np.random.Generator) -> dict[str, Pose]:
             for name in 'abcdefgh'[:count]}
 
 
-def edge(truth: dict[str, Pose], target: str, source: str, error: Array = np.zeros(3),
-         probability: float = 1.0) -> Edge:
-    """Make an edge off the truth by an error (x, y, theta) in the target frame."""
-    return Edge(target, source, Pose.from_array(
+def constraint(truth: dict[str, Pose], target: str, source: str, error: Array = np.zeros(3),
+               probability: float = 1.0) -> MapConstraint:
+    """Make a constraint off the truth by an error (x, y, theta) in the target frame."""
+    return MapConstraint(target, source, Pose.from_array(
         np.add(between(truth[target], truth[source]), error)), EXACT, probability)
 
 
@@ -47,28 +48,29 @@ def test_a_chain_reaches_everyone(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     truth = team(count, rng)
     names = list(rng.permutation(list(truth)))
-    edges = []
+    constraints = []
     for one, other in zip(names, names[1:]):
-        pair = edge(truth, one, other)
-        turned = Edge(other, one, Pose.from_array(inverse(pair.T_target_source)), EXACT)
-        edges.append(pair if rng.random() < 0.5 else turned)
-    solution = solve(truth, edges)
+        pair = constraint(truth, one, other)
+        turned = MapConstraint(other, one, Pose.from_array(inverse(pair.T_target_source)), EXACT)
+        constraints.append(pair if rng.random() < 0.5 else turned)
+    solution = solve(truth, constraints)
     assert len(solution.groups) == 1
     assert_placed(solution.groups[0], truth)
     assert not solution.dropped
 
 
-def test_the_order_of_edges_does_not_matter(rng: np.random.Generator) -> None:
+def test_the_order_of_constraints_does_not_matter(rng: np.random.Generator) -> None:
     truth = team(5, rng)
-    edges = [edge(truth, *pair, rng.normal(0, 0.05, 3)) for pair in combinations(truth, 2)]
-    first, second = solve(truth, edges), solve(reversed(list(truth)), edges[::-1])
+    constraints = [constraint(truth, *pair, rng.normal(0, 0.05, 3))
+                   for pair in combinations(truth, 2)]
+    first, second = solve(truth, constraints), solve(reversed(list(truth)), constraints[::-1])
     for name in truth:
         assert np.allclose(first.groups[0][name], second.groups[0][name], atol=1e-9)
 
 
 def test_groups_come_largest_first_and_then_by_name(rng: np.random.Generator) -> None:
     truth = team(6, rng)
-    solution = solve(truth, [edge(truth, 'c', 'd'), edge(truth, 'd', 'f')])
+    solution = solve(truth, [constraint(truth, 'c', 'd'), constraint(truth, 'd', 'f')])
     assert [sorted(group) for group in solution.groups] == [['c', 'd', 'f'], ['a'], ['b'], ['e']]
     assert_placed(solution.groups[0], truth)
     assert solution.group_of('d') is solution.groups[0]
@@ -80,11 +82,12 @@ def test_noise_is_averaged_over_ways_and_covariance_tells_how_well(
     truth = team(2, rng) | {f'm{k}': Pose(*rng.uniform(-2, 2, 3)) for k in range(30)}
     sigma = np.array([0.1, 0.1, 0.01])
 
-    def noisy(target: str, source: str) -> Edge:
-        return Edge(target, source, Pose.from_array(between(truth[target], truth[source])
-                                                    + rng.normal(0, sigma)), np.diag(sigma ** 2))
+    def noisy(target: str, source: str) -> MapConstraint:
+        exact = between(truth[target], truth[source])
+        return MapConstraint(target, source, Pose.from_array(exact + rng.normal(0, sigma)),
+                             np.diag(sigma ** 2))
     ways = [[noisy('a', name), noisy(name, 'b')] for name in truth if name not in 'ab']
-    one, many = solve(truth, ways[0]), solve(truth, [edge for way in ways for edge in way])
+    one, many = solve(truth, ways[0]), solve(truth, [part for way in ways for part in way])
     assert pose_error(many.groups[0]['b'], between(truth['a'], truth['b']))[0] < 0.15
     assert np.trace(many.covariances['b']) < np.trace(one.covariances['b']) / 15
     assert np.array_equal(many.covariances['a'], np.zeros((3, 3)))
@@ -92,66 +95,69 @@ def test_noise_is_averaged_over_ways_and_covariance_tells_how_well(
 
 def test_the_same_pair_told_twice_is_known_no_better(rng: np.random.Generator) -> None:
     truth = team(2, rng)
-    once, twice = (solve('ab', [edge(truth, 'a', 'b')] * count) for count in (1, 2))
+    once, twice = (solve('ab', [constraint(truth, 'a', 'b')] * count) for count in (1, 2))
     assert np.allclose(once.covariances['b'], twice.covariances['b'])
 
 
 @pytest.mark.parametrize('wrong', list(combinations('abcd', 2)))
-def test_the_edge_that_contradicts_is_dropped_with_a_reason(
+def test_the_constraint_that_contradicts_is_dropped_with_a_reason(
         wrong: tuple[str, str], rng: np.random.Generator) -> None:
     truth = team(4, rng)
-    edges = [edge(truth, *pair, np.array([3.0, -2.0, 1.0]) if pair == wrong else np.zeros(3))
-             for pair in combinations(truth, 2)]
-    solution = solve(truth, edges)
+    error = np.array([3.0, -2.0, 1.0])
+    constraints = [constraint(truth, *pair, error if pair == wrong else np.zeros(3))
+                   for pair in combinations(truth, 2)]
+    solution = solve(truth, constraints)
     (dropped,) = solution.dropped
     assert isinstance(dropped, Dropped)
-    assert (dropped.edge.target, dropped.edge.source) == wrong
+    assert (dropped.constraint.target, dropped.constraint.source) == wrong
     assert f'{wrong[0]} - {wrong[1]} (match) contradicts' in dropped.reason
     assert_placed(solution.groups[0], truth)
 
 
-def test_in_one_triangle_the_least_probable_edge_goes(rng: np.random.Generator) -> None:
+def test_in_one_triangle_the_least_probable_constraint_goes(rng: np.random.Generator) -> None:
     truth = team(3, rng)
-    solution = solve(truth, [edge(truth, 'a', 'b', probability=0.99),
-                             edge(truth, 'b', 'c', np.array([5.0, 0.0, 0.0]), 0.96),
-                             edge(truth, 'a', 'c', probability=0.98)])
-    assert [(d.edge.target, d.edge.source) for d in solution.dropped] == [('b', 'c')]
+    solution = solve(truth, [constraint(truth, 'a', 'b', probability=0.99),
+                             constraint(truth, 'b', 'c', np.array([5.0, 0.0, 0.0]), 0.96),
+                             constraint(truth, 'a', 'c', probability=0.98)])
+    assert [(d.constraint.target, d.constraint.source) for d in solution.dropped] == [('b', 'c')]
     assert_placed(solution.groups[0], truth)
 
 
-def test_two_wrong_edges_among_five_robots(rng: np.random.Generator) -> None:
+def test_two_wrong_constraints_among_five_robots(rng: np.random.Generator) -> None:
     truth = team(5, rng)
     bad = {('a', 'b'): np.array([4.0, 0.0, 0.0]), ('c', 'e'): np.array([0.0, 0.0, np.pi])}
-    solution = solve(truth, [edge(truth, *pair, bad.get(pair, np.zeros(3)))
+    solution = solve(truth, [constraint(truth, *pair, bad.get(pair, np.zeros(3)))
                              for pair in combinations(truth, 2)])
-    assert {(d.edge.target, d.edge.source) for d in solution.dropped} == set(bad)
+    assert {(d.constraint.target, d.constraint.source) for d in solution.dropped} == set(bad)
     assert_placed(solution.groups[0], truth)
 
 
 def test_maps_that_bend_a_little_are_no_contradiction(rng: np.random.Generator) -> None:
     truth = team(4, rng)
-    solution = solve(truth, [edge(truth, *pair, rng.normal(0, (0.2, 0.2, 0.015)))
+    solution = solve(truth, [constraint(truth, *pair, rng.normal(0, (0.2, 0.2, 0.015)))
                              for pair in combinations(truth, 2)])
     assert not solution.dropped
 
 
 def test_a_bridge_is_never_dropped(rng: np.random.Generator) -> None:
     truth = team(4, rng)
-    edges = [edge(truth, 'a', 'b'), edge(truth, 'b', 'c'),
-             edge(truth, 'a', 'c', np.array([9.0, 9.0, 2.0])), edge(truth, 'c', 'd')]
-    solution = solve(truth, edges)
+    constraints = [constraint(truth, 'a', 'b'), constraint(truth, 'b', 'c'),
+                   constraint(truth, 'a', 'c', np.array([9.0, 9.0, 2.0])),
+                   constraint(truth, 'c', 'd')]
+    solution = solve(truth, constraints)
     assert len(solution.groups[0]) == 4
-    assert [d.edge.source for d in solution.dropped] != ['d']
+    assert [d.constraint.source for d in solution.dropped] != ['d']
 
 
 @pytest.mark.parametrize('bad', [
-    Edge('a', 'a', Pose(), EXACT), Edge('a', 'z', Pose(), EXACT),
-    Edge('a', 'b', Pose(np.nan, 0, 0), EXACT), Edge('a', 'b', Pose(), np.full((3, 3), np.inf))])
-def test_edges_that_no_graph_can_hold_are_refused(bad: Edge) -> None:
-    with pytest.raises(ValueError, match='edge a - '):
+    MapConstraint('a', 'a', Pose(), EXACT), MapConstraint('a', 'z', Pose(), EXACT),
+    MapConstraint('a', 'b', Pose(np.nan, 0, 0), EXACT),
+    MapConstraint('a', 'b', Pose(), np.full((3, 3), np.inf))])
+def test_constraints_that_no_graph_can_hold_are_refused(bad: MapConstraint) -> None:
+    with pytest.raises(ValueError, match='constraint a - '):
         solve('ab', [bad])
 
 
-def test_drift_grows_with_the_length_of_an_edge() -> None:
+def test_drift_grows_with_the_length_of_an_constraint() -> None:
     near, far = (with_drift(Pose(x, 0, 0), np.zeros((3, 3))) for x in (1.0, 50.0))
     assert far[0, 0] > 10 * near[0, 0]

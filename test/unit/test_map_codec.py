@@ -12,27 +12,27 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import compose, Pose
 from somfusion_ros.team.map_codec import HEADER, MapDecoder, MapEncoder
-from somfusion_ros.team.shared_map import Cells, DRIVEN, mark_driven, SharedMap
+from somfusion_ros.team.shared_map import DRIVEN, MapCells, mark_driven, SharedMap
 
 LIMIT = 10 ** 7
 ROOM = fake_grid(fake_room())
-CELLS = Cells(ROOM.to_occupancy(), ROOM.resolution, ROOM.T_frame_grid)
+CELLS = MapCells(ROOM.to_occupancy(), ROOM.resolution, ROOM.T_frame_grid)
 
 
-def same(one: Cells | None, other: Cells) -> bool:
+def same(one: MapCells | None, other: MapCells) -> bool:
     """Tell whether two maps are equal, bit by bit."""
     return (one is not None and np.array_equal(one.values, other.values)
             and one[1:] == other[1:])
 
 
-def grown(cells: Cells, low: tuple[int, int], high: tuple[int, int]) -> Cells:
+def grown(cells: MapCells, low: tuple[int, int], high: tuple[int, int]) -> MapCells:
     """Add unknown rows and columns before and after."""
     corner = (-low[1] * cells.resolution, -low[0] * cells.resolution, 0.0)
-    return Cells(np.pad(cells.values, tuple(zip(low, high)), constant_values=-1),
-                 cells.resolution, Pose.from_array(compose(cells.T_frame_grid, corner)))
+    return MapCells(np.pad(cells.values, tuple(zip(low, high)), constant_values=-1),
+                    cells.resolution, Pose.from_array(compose(cells.T_frame_grid, corner)))
 
 
-def painted(cells: Cells, row: int, column: int, value: int) -> Cells:
+def painted(cells: MapCells, row: int, column: int, value: int) -> MapCells:
     """Change one square of cells."""
     values = cells.values.copy()
     values[row:row + 5, column:column + 5] = value
@@ -61,7 +61,7 @@ def test_any_history_of_a_map_arrives(seed: int) -> None:
         cells = grown(painted(cells, *rng.integers(5, 60, 2), int(rng.integers(-2, 101))),
                       tuple(np.maximum(low, 0)), tuple(np.maximum(high, 0)))
         if rng.random() < 0.3:   # a map may lose rows as well
-            cells = Cells(cells.values[2:-1, 1:], cells.resolution, Pose.from_array(compose(
+            cells = MapCells(cells.values[2:-1, 1:], cells.resolution, Pose.from_array(compose(
                 cells.T_frame_grid, (cells.resolution, 2 * cells.resolution, 0.0))))
         if rng.random() < 0.2:   # or begin anew on another lattice
             cells = cells._replace(T_frame_grid=Pose(*rng.uniform(-3, 3, 3)))
@@ -139,7 +139,7 @@ def test_a_message_that_lies_is_refused(changes: dict[str, float]) -> None:
 
 def test_a_bomb_is_not_blown_up() -> None:
     encoder = MapEncoder()
-    encoder.encode(Cells(np.zeros((3000, 3000), np.int8), 0.05, Pose()))
+    encoder.encode(MapCells(np.zeros((3000, 3000), np.int8), 0.05, Pose()))
     with pytest.raises(ValueError, match='over 1000000'):
         MapDecoder(10 ** 6).decode(encoder.key)
     small = struct.pack('<II', 10, 10)

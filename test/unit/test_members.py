@@ -8,11 +8,11 @@ import pytest
 from somfusion_ros.fusion.alignment import Alignment, RunnerUp
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.global_map import merge_grids
-from somfusion_ros.team.graph import Edge
-from somfusion_ros.team.members import begun_anew, Team
-from somfusion_ros.team.pair_history import (change, Pair, REFUSALS, same_pose, SOON,
-                                             STEP_DISTANCE, TIME_SHARE)
+from somfusion_ros.team.map_change import begun_anew, change
+from somfusion_ros.team.members import Team
+from somfusion_ros.team.pair_history import PairHistory, REFUSALS, same_pose, TUNING
 from somfusion_ros.team.shared_map import SharedMap
 
 ROOM = fake_grid(fake_room())
@@ -33,7 +33,7 @@ def verdict(pose: Pose | None, probability: float = 0.97, rival: float = 0.1) ->
                      covariance=np.diag([0.01, 0.01, 1e-4]), runner_up=RunnerUp(Pose(), rival))
 
 
-def told(pair: Pair, *verdicts: Alignment) -> list[str]:
+def told(pair: PairHistory, *verdicts: Alignment) -> list[str]:
     """Give a pair verdicts and return what it made of them."""
     return [pair.record(v, ROOM, ROOM, 0.0) for v in verdicts]
 
@@ -56,7 +56,7 @@ def test_change_looks_at_places_not_at_cells_of_the_array() -> None:
 
 
 def test_a_pair_is_due_once_and_then_only_after_a_change() -> None:
-    pair = Pair()
+    pair = PairHistory()
     assert pair.due(HALF, ROOM, 0.0, 0.1)
     pair.record(verdict(None, 0.0), HALF, ROOM, 0.0)
     assert not pair.due(HALF, ROOM, 1e6, 0.1)
@@ -65,16 +65,16 @@ def test_a_pair_is_due_once_and_then_only_after_a_change() -> None:
 
 
 def test_small_changes_count_after_a_while() -> None:
-    pair, slightly = Pair(), cut_grid(ROOM, (-1.0, -1.0), (7.7, 7.0))
+    pair, slightly = PairHistory(), cut_grid(ROOM, (-1.0, -1.0), (7.7, 7.0))
     assert 0.01 < change(slightly, ROOM) < 0.3
     pair.record(verdict(None, 0.0), ROOM, slightly, 100.0)
     assert not pair.due(ROOM, ROOM, 101.0, 0.5)
-    assert pair.due(ROOM, ROOM, 101.0 + SOON, 0.5)
+    assert pair.due(ROOM, ROOM, 101.0 + TUNING.soon, 0.5)
     slow = Alignment(accepted=False, probability=0.0, reason='refused',
-                     seconds={'all': 2.0 * SOON})
+                     seconds={'all': 2.0 * TUNING.soon})
     pair.record(slow, ROOM, slightly, 200.0)
-    assert not pair.due(ROOM, ROOM, 201.0 + SOON, 0.5)
-    assert pair.due(ROOM, ROOM, 201.0 + 2.0 * SOON * TIME_SHARE, 0.5)
+    assert not pair.due(ROOM, ROOM, 201.0 + TUNING.soon, 0.5)
+    assert pair.due(ROOM, ROOM, 201.0 + 2.0 * TUNING.soon * TUNING.time_share, 0.5)
 
 
 def test_same_pose_is_judged_at_the_walls() -> None:
@@ -86,31 +86,31 @@ def test_same_pose_is_judged_at_the_walls() -> None:
 
 
 def test_refused_is_not_held() -> None:
-    pair = Pair()
+    pair = PairHistory()
     assert told(pair, verdict(THERE, 0.5), verdict(None, 0.0)) == ['refused', 'refused']
     assert pair.held is None
 
 
 def test_the_same_pose_follows_smoothly() -> None:
-    pair = Pair()
+    pair = PairHistory()
     assert told(pair, verdict(THERE), verdict(NEARLY_THERE, 0.96)) == ['accepted', 'updated']
     assert pair.held.T_target_source == NEARLY_THERE
 
 
 def test_a_pose_that_moves_by_more_than_a_step_is_followed_in_steps() -> None:
-    pair, moved = Pair(), Pose(3.3, 1.2, 0.5)
+    pair, moved = PairHistory(), Pose(3.3, 1.2, 0.5)
     assert told(pair, verdict(THERE), verdict(moved)) == ['accepted', 'updated']
     first = pair.held.T_target_source
-    assert pose_error(first, THERE)[0] == pytest.approx(STEP_DISTANCE)
+    assert pose_error(first, THERE)[0] == pytest.approx(TUNING.step_distance)
     assert not pair.settled
-    assert pair.due(ROOM, ROOM, SOON, 0.1)
+    assert pair.due(ROOM, ROOM, TUNING.soon, 0.1)
     assert told(pair, *[verdict(moved)] * 3) == ['updated'] * 3
     assert pair.held.T_target_source == moved
     assert pair.settled
 
 
 def test_another_pose_must_be_clearly_better_twice_in_a_row() -> None:
-    pair = Pair()
+    pair = PairHistory()
     better, worse = verdict(ELSEWHERE, 0.97), verdict(ELSEWHERE, 0.96, rival=0.95)
     assert told(pair, verdict(THERE), worse, worse, worse) == ['accepted'] + 3 * ['kept']
     assert told(pair, better, verdict(THERE), better) == ['kept', 'updated', 'kept']
@@ -120,23 +120,23 @@ def test_another_pose_must_be_clearly_better_twice_in_a_row() -> None:
 
 
 def test_a_rival_is_looked_at_again_though_no_map_changes() -> None:
-    pair = Pair()
+    pair = PairHistory()
     told(pair, verdict(THERE), verdict(ELSEWHERE))
     assert not pair.settled
-    assert not pair.due(ROOM, ROOM, 0.9 * SOON, 0.1)
-    assert pair.due(ROOM, ROOM, SOON, 0.1)
+    assert not pair.due(ROOM, ROOM, 0.9 * TUNING.soon, 0.1)
+    assert pair.due(ROOM, ROOM, TUNING.soon, 0.1)
     assert told(pair, verdict(ELSEWHERE)) == ['replaced']
     assert not pair.due(ROOM, ROOM, 1e6, 0.1)
 
 
 def test_two_different_rivals_do_not_confirm_one_another() -> None:
-    pair = Pair()
+    pair = PairHistory()
     told(pair, verdict(THERE), verdict(ELSEWHERE, 0.999), verdict(Pose(9, 9, 1), 0.999))
     assert pair.held.T_target_source == THERE
 
 
 def test_clear_refusals_in_a_row_withdraw_a_verdict() -> None:
-    pair = Pair()
+    pair = PairHistory()
     doubts = [verdict(ELSEWHERE, 0.1)] * (REFUSALS - 1)
     told(pair, verdict(THERE), *doubts)
     assert pair.held is not None
@@ -147,7 +147,7 @@ def test_clear_refusals_in_a_row_withdraw_a_verdict() -> None:
 
 
 def test_nearly_accepted_at_the_same_pose_is_no_doubt() -> None:
-    pair = Pair()
+    pair = PairHistory()
     assert set(told(pair, verdict(THERE), *[verdict(NEARLY_THERE, 0.9)] * 10)[1:]) == {'kept'}
 
 
@@ -156,9 +156,9 @@ def shared(grid: Grid) -> SharedMap:
     return SharedMap(copy_of(grid))
 
 
-def said(owner: str, peer: str, T_owner_peer: Pose, kind: str = 'match') -> Edge:
-    """Make an edge as it comes over the wire."""
-    return Edge(owner, peer, T_owner_peer, np.diag([0.01, 0.01, 1e-4]), 0.9, kind)
+def said(owner: str, peer: str, T_owner_peer: Pose, kind: str = 'match') -> MapConstraint:
+    """Make a constraint as it comes over the wire."""
+    return MapConstraint(owner, peer, T_owner_peer, np.diag([0.01, 0.01, 1e-4]), 0.9, kind)
 
 
 def full_team(name: str = 'b') -> Team:
@@ -205,7 +205,7 @@ def test_a_reaches_c_through_b_and_all_agree_on_the_world() -> None:
     middle.record('a', verdict(THERE), *middle.grids_of('a'), 0.0)
     middle.record('c', verdict(ELSEWHERE), *middle.grids_of('c'), 0.0)
     for team in (first, last):
-        team.hear('b', middle.own_edges())
+        team.hear('b', middle.own_constraints())
     truth = {'a': Pose(), 'b': THERE, 'c': compose(THERE, ELSEWHERE)}
     for team in (first, middle, last):
         (group,) = team.solution().groups
@@ -310,7 +310,7 @@ def test_sightings_beside_a_match_are_weighed_with_it() -> None:
     assert np.trace(solution.covariances['b']) < alone
     assert pose_error(solution.group_of('a')['b'], THERE)[0] < 0.05
     assert team.own_transforms()['b'] == THERE   # a match is told before a sighting
-    assert len(team.own_edges()) < 8             # sightings are not piled up
+    assert len(team.own_constraints()) < 8             # sightings are not piled up
 
 
 def test_a_wrong_sighting_is_dropped_by_name() -> None:
@@ -361,7 +361,7 @@ def test_all_robots_of_a_team_draw_the_same_map(count: int) -> None:
             teams[own].record(peer, found, *teams[own].grids_of(peer), 0.0)
     for owner, team in teams.items():
         for other in teams.values():
-            other.hear(owner, team.own_edges())
+            other.hear(owner, team.own_constraints())
     drawn = []
     for name, team in teams.items():
         world = team.solution().group_of(name)

@@ -5,10 +5,10 @@
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, compose, inverse, Pose
-from somfusion_ros.ros.common.heard import (from_sighting, Heard, NAME_TAKEN, TimedPose,
-                                            TRAIL_KEPT)
 from somfusion_ros.ros.common.names import MAP_TYPE, STATE_TYPE, TEAM_STATE
 from somfusion_ros.ros.common.peers import find_peers, robot_of
+from somfusion_ros.team.channels import CHANGES, MAP, STATE
+from somfusion_ros.team.heard import from_sighting, Heard, TimedPose, TRAIL_KEPT, TUNING
 
 TOPICS = [('/robot1/map', [MAP_TYPE]), ('/robot2/map', [MAP_TYPE]),
           ('/robot2/global_map', [MAP_TYPE]), ('/robot3/local_costmap/costmap', [MAP_TYPE]),
@@ -90,12 +90,12 @@ def test_a_restart_is_trusted_and_two_robots_of_one_name_are_not() -> None:
     heard = Heard()
     assert all(heard.begin(session, 0.0) for session in ('a', 'a', 'b', 'b', 'c'))
     assert not heard.begin('b', 1.0)    # it was replaced, and speaks again
-    assert not heard.begin('b', 1.0 + 0.9 * NAME_TAKEN)
-    assert heard.begin('b', 1.1 + NAME_TAKEN)
+    assert not heard.begin('b', 1.0 + 0.9 * TUNING.name_taken)
+    assert heard.begin('b', 1.1 + TUNING.name_taken)
 
 
 def test_a_map_message_is_counted_as_one() -> None:
     heard = Heard()
-    for topic, size in (('team/state', 100), ('team/map', 5000), ('team/map_changes', 70)):
-        heard.hear(topic, size, 3.0)
+    for channel, size in ((STATE, 100), (MAP, 5000), (CHANGES, 70)):
+        heard.hear(channel, size, 3.0)
     assert (heard.maps, heard.map_at, sum(heard.received.values())) == (2, 3.0, 5170)

@@ -26,7 +26,7 @@ from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.io import frame_tree
 from somfusion_ros.io.cluster_rows import CLUSTER_FIELDS
 from somfusion_ros.slam.scan import Scan
-from somfusion_ros.team.shared_map import Cells
+from somfusion_ros.team.shared_map import MapCells
 from std_msgs.msg import Header
 
 DEFAULT_SIGMA = (0.3, 0.3, 0.2)         # [m, m, rad] where a message has no covariance
@@ -95,7 +95,7 @@ def wheels_from_message(message: JointState, left: str, right: str) -> tuple[flo
     return seconds(message.header.stamp), wheels
 
 
-def cells_from_message(message: OccupancyGrid, max_cells: int) -> Cells:
+def cells_from_message(message: OccupancyGrid, max_cells: int) -> MapCells:
     """Cells of a map of any origin; ValueError, naming what is wrong, on a bad one."""
     width, height = message.info.width, message.info.height
     if width * height > max_cells:
@@ -104,7 +104,7 @@ def cells_from_message(message: OccupancyGrid, max_cells: int) -> Cells:
         raise ValueError(f'grid of {width} x {height} cells has data of {len(message.data)}')
     values = np.frombuffer(message.data, dtype=np.int8).reshape(height, width)
     values = np.where((values >= FREE) & (values <= OCCUPIED), values, np.int8(UNKNOWN))
-    return Cells(values, message.info.resolution, pose_from_message(message.info.origin))
+    return MapCells(values, message.info.resolution, pose_from_message(message.info.origin))
 
 
 def grid_from_message(message: OccupancyGrid, max_cells: int) -> Grid:

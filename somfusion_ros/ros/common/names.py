@@ -19,8 +19,7 @@ CLUSTERS, MARKERS, ENCOUNTERS = 'clusters', 'markers', 'encounters'
 # What fusion nodes tell one another: states and poses always, maps to those who ask.
 TEAM_STATE, TEAM_POSE = 'team/state', 'team/pose'
 TEAM_MAP, TEAM_MAP_CHANGES = 'team/map', 'team/map_changes'
-TEAM_KEPT = 'team/kept'    # followed by the name of the robot that is gone
-MAP_TOPICS = (MAP, TEAM_MAP, TEAM_MAP_CHANGES)
+TEAM_DEPARTED = 'team/departed'   # followed by the name of the robot that is gone
 
 # Services below each node's name.
 SAVE_MAP, RESET, MERGE = '~/save_map', '~/reset', '~/merge'

@@ -1,15 +1,16 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The maps of robots that are gone, handed on between those who are left: `team/kept/<robot>`."""
+"""Hands maps of robots that are gone on to those who are left: `team/departed/<robot>`."""
 
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 from somfusion_ros.ros.common import names, qos
-from somfusion_ros.ros.common.heard import Heard
-from somfusion_ros.ros.fusion.inbox import Inbox
+from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.team_messages import bytes_message
+from somfusion_ros.team.channels import MAP
+from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.map_codec import MapEncoder
 from somfusion_ros.team.shared_map import SharedMap
 from std_msgs.msg import UInt8MultiArray
@@ -18,8 +19,8 @@ from std_msgs.msg import UInt8MultiArray
 class DepartedLink:
     """One robot's end of the links on which maps of absent robots go."""
 
-    def __init__(self, node: Any, inbox: Inbox) -> None:
-        self._node, self._inbox = node, inbox
+    def __init__(self, node: Any, receiver: Receiver) -> None:
+        self._node, self._receiver = node, receiver
         self._offered: dict[str, Any] = {}
         self._sent: dict[str, SharedMap] = {}
         self._fetched: dict[str, tuple[str, Any]] = {}
@@ -32,7 +33,7 @@ class DepartedLink:
         for robot, shared in maps.items():
             if robot not in self._offered:
                 self._offered[robot] = self._node.create_publisher(
-                    UInt8MultiArray, f'{names.TEAM_KEPT}/{robot}', qos.LATCHED)
+                    UInt8MultiArray, f'{names.TEAM_DEPARTED}/{robot}', qos.LATCHED)
             publisher = self._offered[robot]
             if publisher.get_subscription_count() and self._sent.get(robot) is not shared:
                 self._sent[robot] = shared
@@ -47,7 +48,7 @@ class DepartedLink:
                 self._node.destroy_subscription(self._fetched.pop(robot)[1])
         for robot, keeper in sources.items():
             if robot not in self._fetched:
-                self._inbox.heard.setdefault(robot, Heard())
+                self._receiver.inbox.heard.setdefault(robot, Heard())
                 self._fetched[robot] = keeper, self._node.create_subscription(
-                    UInt8MultiArray, f'/{keeper}/{names.TEAM_KEPT}/{robot}',
-                    partial(self._inbox.keep, robot, names.TEAM_MAP), qos.LATCHED)
+                    UInt8MultiArray, f'/{keeper}/{names.TEAM_DEPARTED}/{robot}',
+                    partial(self._receiver.on_bytes, robot, channel=MAP), qos.LATCHED)

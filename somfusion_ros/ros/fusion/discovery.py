@@ -15,10 +15,10 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid
 from somfusion_ros.node_config import FusionNodeConfig
 from somfusion_ros.ros.common import names, qos
-from somfusion_ros.ros.common.heard import Heard
 from somfusion_ros.ros.common.peers import find_peers
-from somfusion_ros.ros.fusion.inbox import Inbox
+from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.team_link import TeamLink
+from somfusion_ros.team.heard import Heard
 
 MOST_PEERS = 64    # robots that are listened to; a flood of names must not fill the memory
 
@@ -32,8 +32,9 @@ class Discovery:
     """
 
     def __init__(self, node: Any, name: str, config: FusionNodeConfig, link: TeamLink,
-                 inbox: Inbox) -> None:
-        self._node, self._config, self._link, self._inbox = node, config, link, inbox
+                 receiver: Receiver) -> None:
+        self._node, self._config, self._link, self._receiver = node, config, link, receiver
+        self._heard = receiver.inbox.heard
         self._own_map = node.resolve_topic_name(config.robot_map_topic)
         self._own_state = node.resolve_topic_name(names.TEAM_STATE)
         self._first_seen: dict[str, float] = {}
@@ -41,9 +42,9 @@ class Discovery:
         self.teams: set[str] = set()
         self.alive: set[str] = set()
         self.present: set[str] = set()
-        inbox.heard[name] = Heard()
+        self._heard[name] = Heard()
         node.create_subscription(OccupancyGrid, config.robot_map_topic,
-                                 partial(inbox.keep, name, names.MAP), qos.LATCHED)
+                                 partial(receiver.on_map, name), qos.LATCHED)
 
     def look(self) -> None:
         """Listen to every robot that is new."""
@@ -57,15 +58,14 @@ class Discovery:
         for peer in find_peers(topics, self._config.robot_map_topic, names.MAP_TYPE, self._own_map,
                                peers):
             first = self._first_seen.setdefault(peer, now) if self._room_for(peer) else now
-            if peer not in self._inbox.heard and now - first >= (
-                    self._config.plain_map_delay):
+            if peer not in self._heard and now - first >= self._config.plain_map_delay:
                 self._listen_to_plain(peer)
         self.alive = self._publishing(names.RELATIVE_TRANSFORMS)
         self.present = self._publishing(self._config.robot_map_topic)
 
     def _publishing(self, plain_topic: str) -> set[str]:
         """Name robots that publish a state, or a plain topic where they have no fusion node."""
-        return {peer for peer in self._inbox.heard if self._node.count_publishers(
+        return {peer for peer in self._heard if self._node.count_publishers(
             f'/{peer}/{names.TEAM_STATE if peer in self.teams else plain_topic}')}
 
     def _room_for(self, peer: str) -> bool:
@@ -85,17 +85,17 @@ class Discovery:
     def _listen_to_plain(self, peer: str) -> None:
         """Subscribe to the whole maps of a robot without a fusion node."""
         self._say(peer, 'whole maps')
-        node, inbox, topic = self._node, self._inbox, self._config.robot_map_topic
+        node, receiver, topic = self._node, self._receiver, self._config.robot_map_topic
         self._plain[peer] = [
             node.create_subscription(OccupancyGrid, f'/{peer}/{topic}',
-                                     partial(inbox.keep, peer, names.MAP), qos.LATCHED),
+                                     partial(receiver.on_map, peer), qos.LATCHED),
             node.create_subscription(PoseWithCovarianceStamped, f'/{peer}/{names.ROBOT_POSE}',
-                                     partial(inbox.keep_pose, peer), qos.STREAM),
+                                     partial(receiver.on_pose, peer), qos.STREAM),
             node.create_subscription(TransformStamped, f'/{peer}/{names.RELATIVE_TRANSFORMS}',
-                                     partial(inbox.keep_transform, peer),
+                                     partial(receiver.on_transform, peer),
                                      qos.LATCHED_PER_PAIR)]
 
     def _say(self, peer: str, how: str) -> None:
         """Log a robot that is heard from now on."""
-        self._inbox.heard.setdefault(peer, Heard())
+        self._heard.setdefault(peer, Heard())
         self._node.get_logger().info(f'found {peer}, with {how}')

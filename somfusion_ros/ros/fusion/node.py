@@ -27,13 +27,14 @@ from somfusion_ros.ros.common.runtime import run
 from somfusion_ros.ros.common.worker import Worker
 from somfusion_ros.ros.fusion.departed_link import DepartedLink
 from somfusion_ros.ros.fusion.discovery import Discovery
-from somfusion_ros.ros.fusion.inbox import Inbox
 from somfusion_ros.ros.fusion.publisher import FusionPublisher
-from somfusion_ros.ros.fusion.sightings import Sightings
+from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.status import fusion_statuses
 from somfusion_ros.ros.fusion.team_link import TeamLink
 from somfusion_ros.team.config import TeamConfig
+from somfusion_ros.team.inbox import Inbox
 from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.sightings import Sightings
 from std_srvs.srv import Trigger
 
 REPORT_PERIOD = 1.0   # [s] between two diagnostics
@@ -57,9 +58,12 @@ class FusionNode(Node):
         self._count = Faults(self.get_logger())
         self._session = FusionSession(self._name, team, self._fusion,
                                       self.get_logger().info)
-        self._inbox = Inbox(self._name, self._session, self._config.max_map_cells, self._count)
+        self._inbox = Inbox(self._name, self._session, self._config.max_map_cells, self._count,
+                            time.monotonic)
         self._sightings = Sightings(self._name, self._inbox.heard, self._session.take_sighting,
                                     self._count)
+        self._receiver = Receiver(self._inbox, self._sightings, self._config.max_map_cells,
+                                  self._count)
         self._global: Grid | None = None
         self._draw_due = 0.0
         self._worker = Worker(self._work, lambda error: self._count('worker_errors', repr(error)))
@@ -74,14 +78,15 @@ class FusionNode(Node):
         """Make every topic, service and timer; all but the peers' names are relative."""
         config, waiting = self._config, MutuallyExclusiveCallbackGroup()
         self._publisher = FusionPublisher(self, self._name, config)
-        self._link = TeamLink(self, self._inbox, self._count)
-        self._departed = DepartedLink(self, self._inbox)
-        self._discovery = Discovery(self, self._name, config, self._link, self._inbox)
+        self._link = TeamLink(self, self._receiver, self._count)
+        self._departed = DepartedLink(self, self._receiver)
+        self._discovery = Discovery(self, self._name, config, self._link,
+                                    self._receiver)
         self.create_subscription(PoseWithCovarianceStamped, names.ROBOT_POSE,
-                                 partial(self._inbox.keep_pose, self._name), qos.STREAM)
-        self.create_subscription(Path, names.PATH, self._inbox.keep_path, qos.LATEST)
+                                 partial(self._receiver.on_pose, self._name), qos.STREAM)
+        self.create_subscription(Path, names.PATH, self._receiver.on_path, qos.LATEST)
         self.create_subscription(PoseWithCovarianceStamped, names.ENCOUNTERS,
-                                 self._sightings.add, qos.STREAM)
+                                 self._receiver.on_sighting, qos.STREAM)
         jobs = {names.MERGE: self._merge, names.SAVE_MAP: self._save, names.RESET: self._reset}
         for name, job in jobs.items():
             self.create_service(Trigger, name, partial(self._serve, job),
@@ -96,15 +101,15 @@ class FusionNode(Node):
         self._discovery.look()
         snapshot = self._session.snapshot
         self._link.want(snapshot.wanted & self._discovery.teams)
-        self._departed.offer(snapshot.kept_maps)
+        self._departed.offer(snapshot.departed_maps)
         self._departed.fetch(snapshot.sources)
 
     def _work(self) -> bool:
         """Do one piece of work in the worker; return whether there is more."""
         self._take_messages()
-        self._sightings.settle()
+        self._sightings.settle(time.monotonic())
         snapshot = self._session.refresh(self._discovery.present)
-        self._link.say(snapshot.edges, snapshot.kept, time.monotonic())
+        self._link.say(snapshot.constraints, snapshot.departed, time.monotonic())
         self._link.flush()
         self._draw()
         return self._session.attempt(time.monotonic()) is not None

@@ -19,9 +19,9 @@ from somfusion_ros.node_config import FusionNodeConfig
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.diagnostics import diagnostic_array
-from somfusion_ros.ros.common.heard import Heard, TimedPose
 from somfusion_ros.ros.common.tf import Broadcaster
 from somfusion_ros.ros.fusion.markers import matched_clusters, team_markers
+from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.screening import outline
 from somfusion_ros.team.session import Snapshot
 from visualization_msgs.msg import MarkerArray

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from somfusion_ros.ros.common import names
 from somfusion_ros.ros.common.diagnostics import status
-from somfusion_ros.ros.common.heard import Heard
+from somfusion_ros.team.channels import CLUSTERS, MAP_CHANNELS
+from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.session import Snapshot
 
 
@@ -32,7 +32,7 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
     values: dict[str, Any] = {
         'heard_s': now - heard.at, 'map_age_s': now - heard.map_at, 'maps': heard.maps,
         'bytes_received': sum(heard.received.values()),
-        'bytes_of_maps': sum(heard.received[topic] for topic in names.MAP_TOPICS),
+        'bytes_of_maps': sum(heard.received[topic] for topic in MAP_CHANNELS),
         'connected': connected, 'settled': peer in snapshot.settled}
     verdict, warning = snapshot.verdicts.get(peer), ''
     if verdict is not None:
@@ -44,7 +44,7 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
                    'ms_per_attempt': 1e3 * sum(verdict.seconds.values())}
     if values['heard_s'] > timeout:
         warning = f'{peer} has been silent for {values["heard_s"]:.0f} s'
-    elif not heard.maps and heard.received[names.CLUSTERS]:
+    elif not heard.maps and heard.received[CLUSTERS]:
         warning = f'no match with {peer} is likely yet, so its whole map was not asked for'
     elif not heard.maps:
         warning = f'{peer} has not sent a map'

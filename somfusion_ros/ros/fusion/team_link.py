@@ -15,99 +15,85 @@ from typing import Any
 from uuid import uuid4
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-import numpy as np
 from sensor_msgs.msg import PointCloud2
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import pose_with_covariance, time_message
-from somfusion_ros.ros.common.heard import TimedPose
-from somfusion_ros.ros.fusion.inbox import Inbox
-from somfusion_ros.ros.fusion.team_messages import (bytes_message, State, state_from_message,
-                                                    state_message)
-from somfusion_ros.team.departed import Kept
-from somfusion_ros.team.graph import Edge
-from somfusion_ros.team.map_codec import MapEncoder
-from somfusion_ros.team.shared_map import Cells
+from somfusion_ros.ros.fusion.receiver import Receiver
+from somfusion_ros.ros.fusion.team_messages import bytes_message
+from somfusion_ros.team.channels import CHANGES, MAP
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.departed import DepartedRobot
+from somfusion_ros.team.heard import TimedPose
+from somfusion_ros.team.outbox import Outbox
+from somfusion_ros.team.shared_map import MapCells
+from somfusion_ros.team.state_codec import decode_state
 from std_msgs.msg import String, UInt8MultiArray
 
-HEARTBEAT = 10.0       # [s] after which a state is repeated though nothing changed
-STOOD_STILL = 0.02     # [m, rad] below which a pose is not told again
+STREAMS = {MAP: names.TEAM_MAP, CHANGES: names.TEAM_MAP_CHANGES}
 
 
 class TeamLink:
     """One robot's end of all links."""
 
-    def __init__(self, node: Any, inbox: Inbox, count: Callable[..., None]) -> None:
-        self._node, self._inbox, self._count = node, inbox, count
-        self._session = uuid4().hex[:12]
-        self._encoder = MapEncoder()
-        self._cells: Cells | None = None
-        self._sent: dict[str, bytes | None] = {names.TEAM_MAP: None, names.TEAM_MAP_CHANGES: None}
-        self._said: tuple[str, float] = '', 0.0
-        self._told = np.full(3, np.inf)
+    def __init__(self, node: Any, receiver: Receiver, count: Callable[..., None]) -> None:
+        self._node, self._receiver, self._count = node, receiver, count
+        self._outbox = Outbox(uuid4().hex[:12])
         self._wanted: set[str] = set()
         self._clusters: dict[str, Any] = {}
         self._state = node.create_publisher(String, names.TEAM_STATE, qos.LATCHED)
         self._pose = node.create_publisher(PoseWithCovarianceStamped, names.TEAM_POSE, qos.LATCHED)
-        self._streams = {topic: node.create_publisher(UInt8MultiArray, topic, qos.LATCHED)
-                         for topic in (names.TEAM_MAP, names.TEAM_MAP_CHANGES)}
+        self._streams = {channel: node.create_publisher(UInt8MultiArray, topic, qos.LATCHED)
+                         for channel, topic in STREAMS.items()}
         node.create_subscription(String, names.TEAM_STATE, self._on_own_state, qos.LATCHED)
 
     def listen(self, peer: str) -> None:
         """Subscribe to what a peer publishes always."""
-        self._subscribe(String, peer, names.TEAM_STATE)
-        self._clusters[peer] = self._subscribe(PointCloud2, peer, names.CLUSTERS)
-        self._node.create_subscription(PoseWithCovarianceStamped, f'/{peer}/{names.TEAM_POSE}',
-                                       partial(self._inbox.keep_pose, peer), qos.LATCHED)
+        on = self._receiver
+        self._subscribe(String, peer, names.TEAM_STATE, on.on_state)
+        self._clusters[peer] = self._subscribe(PointCloud2, peer, names.CLUSTERS, on.on_clusters)
+        self._subscribe(PoseWithCovarianceStamped, peer, names.TEAM_POSE, on.on_pose)
 
     def want(self, peers: Collection[str]) -> None:
         """Subscribe to the maps of some peers, in place of their clusters."""
         for peer in set(peers) - self._wanted:
             self._wanted.add(peer)
             self._node.destroy_subscription(self._clusters.pop(peer))
-            for topic in (names.TEAM_MAP, names.TEAM_MAP_CHANGES):
-                self._subscribe(UInt8MultiArray, peer, topic)
+            for channel, topic in STREAMS.items():
+                self._subscribe(UInt8MultiArray, peer, topic,
+                                partial(self._receiver.on_bytes, channel=channel))
 
-    def say(self, edges: Collection[Edge], kept: Collection[Kept], now: float) -> None:
-        """Publish what the robot accepts and keeps, where it changed or a heartbeat is due."""
-        message = state_message(State(self._session, tuple(edges), tuple(kept)))
-        text, at = self._said
-        if message.data != text or now - at >= HEARTBEAT:
-            self._said = message.data, now
-            self._state.publish(message)
+    def say(self, constraints: Collection[MapConstraint], departed: Collection[DepartedRobot],
+            now: float) -> None:
+        """Publish what the robot accepts, where it changed or a heartbeat is due."""
+        text = self._outbox.state(constraints, departed, now)
+        if text is not None:
+            self._state.publish(String(data=text))
 
     def tell_pose(self, here: TimedPose, frame: str) -> None:
         """Publish where the robot is, if it moved."""
-        if np.abs(np.subtract(here.pose, self._told)).max() >= STOOD_STILL:
-            self._told = np.array(here.pose)
+        if self._outbox.moved(here):
             self._pose.publish(pose_with_covariance(here.pose, here.covariance, frame,
                                                     time_message(here.stamp)))
 
-    def share(self, cells: Cells) -> None:
-        """Keep the robot's newest map for those who ask for it."""
-        self._cells = cells
+    def share(self, cells: MapCells) -> None:
+        """Keep the robot's newest map, for those who want it."""
+        self._outbox.share(cells)
 
     def flush(self) -> None:
         """Send the map, or what changed of it, where somebody listens and has not got it yet."""
-        if not self._streams[names.TEAM_MAP].get_subscription_count():
-            return
-        if self._cells is not None:
-            self._encoder.encode(self._cells)
-            self._cells = None
-        for topic, data in ((names.TEAM_MAP, self._encoder.key or None),
-                            (names.TEAM_MAP_CHANGES, self._encoder.change)):
-            if data is not None and data is not self._sent[topic]:
-                self._sent[topic] = data
-                self._streams[topic].publish(bytes_message(data))
+        if self._streams[MAP].get_subscription_count():
+            for channel, data in self._outbox.map_messages():
+                self._streams[channel].publish(bytes_message(data))
 
-    def _subscribe(self, kind: type, peer: str, topic: str) -> Any:
+    def _subscribe(self, kind: type, peer: str, topic: str, callback: Callable[..., None]) -> Any:
         """Subscribe to one topic of a peer."""
-        return self._node.create_subscription(kind, f'/{peer}/{topic}', partial(
-            self._inbox.keep, peer, topic), qos.LATCHED)
+        return self._node.create_subscription(kind, f'/{peer}/{topic}', partial(callback, peer),
+                                              qos.LATCHED)
 
     def _on_own_state(self, message: String) -> None:
         """Notice another robot under this one's name."""
         try:
-            taken = state_from_message(message).session != self._session
+            taken = decode_state(message.data).session != self._outbox.session
         except ValueError:
             taken = True
         if taken:

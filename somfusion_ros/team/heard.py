@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What one robot hears of another: who there is, when it was heard, where it was."""
+"""What one robot hears of another: when, how much, and where the other one was."""
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
@@ -8,13 +8,30 @@ from typing import NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import Array, between, compose, compose_jacobians, inverse, Pose
-from somfusion_ros.ros.common import names
+from somfusion_ros.settings import tuned
+from somfusion_ros.team.channels import MAP_CHANNELS
 
 POSES_KEPT = 200
-TRAIL_STEP, TRAIL_KEPT = 0.1, 500   # [m], points: where a robot has been in its own map
-SIGHTING_TOLERANCE = 0.5   # [s] between a sighting and the poses that it is tied to
+TRAIL_KEPT = 500      # points of a trail
 SESSIONS_KEPT = 8
-NAME_TAKEN = 15.0          # [s] that a name is not trusted after two robots were heard under it
+
+
+@dataclass(frozen=True)
+class HearingTuning:
+    """How long what was heard of a robot is good for."""
+
+    trail_step: float = tuned(
+        0.1, 'm', 'a trail keeps a place this often; finer fills it without marking more cells',
+        'not measured')
+    sighting_tolerance: float = tuned(
+        0.5, 's', 'a sighting counts only where a pose is known this near to its stamp; a robot '
+        'at 1 m/s moves by half a metre in it', 'not measured')
+    name_taken: float = tuned(
+        15.0, 's', 'a name is not trusted for this time after two robots were heard under it; '
+        'longer than a state takes to be repeated', 'by design')
+
+
+TUNING = HearingTuning()
 
 
 class TimedPose(NamedTuple):
@@ -27,7 +44,7 @@ class TimedPose(NamedTuple):
 
 @dataclass
 class Heard:
-    """What was heard of one robot: times [s] of a steady clock, bytes by topic, recent poses."""
+    """What was heard of one robot: times [s] of a steady clock, bytes by channel, recent poses."""
 
     at: float = float('-inf')
     map_at: float = float('-inf')
@@ -38,11 +55,11 @@ class Heard:
     taken_until: float = float('-inf')
     _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
 
-    def hear(self, topic: str, size: int, now: float) -> None:
+    def hear(self, channel: str, size: int, now: float) -> None:
         """Count a message of a size [bytes]; maps are counted apart."""
         self.at = now
-        self.received[topic] += size
-        if topic in names.MAP_TOPICS:
+        self.received[channel] += size
+        if channel in MAP_CHANNELS:
             self.map_at, self.maps = now, self.maps + 1
 
     def begin(self, session: str, now: float) -> bool:
@@ -53,7 +70,7 @@ class Heard:
         one means that two robots use the name.
         """
         if session in self._sessions and self._sessions[-1] != session:
-            self.taken_until = now + NAME_TAKEN
+            self.taken_until = now + TUNING.name_taken
             self._sessions.remove(session)
         if session not in self._sessions:
             self._sessions.append(session)
@@ -63,7 +80,7 @@ class Heard:
         """Keep a pose, and where the robot has been."""
         self.poses.append(item)
         here = item.pose.x, item.pose.y
-        if not self.trail or np.hypot(*np.subtract(here, self.trail[-1])) >= TRAIL_STEP:
+        if not self.trail or np.hypot(*np.subtract(here, self.trail[-1])) >= TUNING.trail_step:
             self.trail.append(here)
 
     def pose_at(self, stamp: float) -> TimedPose | None:
@@ -73,10 +90,10 @@ class Heard:
         before = [item for item in poses if item.stamp <= stamp]
         last = max(before, key=lambda item: item.stamp, default=None)
         first = min(after, key=lambda item: item.stamp, default=None)
-        if last and first and first.stamp - last.stamp <= 4.0 * SIGHTING_TOLERANCE:
+        if last and first and first.stamp - last.stamp <= 4.0 * TUNING.sighting_tolerance:
             return _interpolate(last, first, stamp)
         best = min(poses, key=lambda item: abs(item.stamp - stamp), default=None)
-        near = best is not None and abs(best.stamp - stamp) <= SIGHTING_TOLERANCE
+        near = best is not None and abs(best.stamp - stamp) <= TUNING.sighting_tolerance
         return best if near else None
 
     def knows(self, stamp: float) -> bool:

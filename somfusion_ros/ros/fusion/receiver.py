@@ -1,0 +1,81 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Messages of the robot itself and of its peers into the inbox, with what reads each kind.
+
+Maps, states and clusters are read by the worker, when it gets to them; poses at once.
+"""
+
+from collections.abc import Callable
+from functools import partial
+import time
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from nav_msgs.msg import OccupancyGrid, Path
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.ros.common import conversions as convert
+from somfusion_ros.ros.common.peers import robot_of
+from somfusion_ros.ros.fusion.team_messages import bytes_from_message, clusters_from_message
+from somfusion_ros.team.channels import CLUSTERS, PLAIN_MAP, STATE
+from somfusion_ros.team.heard import TimedPose
+from somfusion_ros.team.inbox import Inbox
+from somfusion_ros.team.sightings import Sighting, Sightings
+from std_msgs.msg import String, UInt8MultiArray
+
+
+class Receiver:
+    """Callbacks of all subscriptions, each but the first argument bound by who subscribes."""
+
+    def __init__(self, inbox: Inbox, sightings: Sightings, max_cells: int,
+                 count: Callable[..., None]) -> None:
+        self.inbox = inbox
+        self._sightings, self._count = sightings, count
+        self._read_map = partial(convert.cells_from_message, max_cells=max_cells)
+
+    def on_map(self, robot: str, message: OccupancyGrid) -> None:
+        """Keep a whole map."""
+        self.inbox.keep(robot, PLAIN_MAP, message, len(message.data), self._read_map)
+
+    def on_bytes(self, robot: str, message: UInt8MultiArray, channel: str) -> None:
+        """Keep a part of the stream of a map."""
+        self.inbox.keep(robot, channel, message, len(message.data), bytes_from_message)
+
+    def on_state(self, robot: str, message: String) -> None:
+        """Keep what a peer accepts."""
+        self.inbox.keep(robot, STATE, message, len(message.data), lambda state: state.data)
+
+    def on_clusters(self, robot: str, message: PointCloud2) -> None:
+        """Keep the clusters of a peer's map."""
+        self.inbox.keep(robot, CLUSTERS, message, len(message.data), clusters_from_message)
+
+    def on_path(self, message: Path) -> None:
+        """Keep the robot's own path."""
+        self.inbox.keep_path([(p.pose.position.x, p.pose.position.y) for p in message.poses])
+
+    def on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
+        """Take a robot's pose in its own map."""
+        self.inbox.keep_pose(robot, lambda: TimedPose(
+            convert.seconds(message.header.stamp), convert.pose_from_message(message.pose.pose),
+            convert.usable_covariance(message.pose.covariance)))
+
+    def on_transform(self, owner: str, message: TransformStamped) -> None:
+        """Keep a pair that a robot without a state accepted; nobody tells how well it is known."""
+        self.inbox.keep_transform(owner, robot_of(message.child_frame_id), message,
+                                  _transform_of_unknown_quality)
+
+    def on_sighting(self, message: PoseWithCovarianceStamped) -> None:
+        """Keep a sighting: header.frame_id names the peer, the pose is in the own base frame."""
+        try:
+            self._sightings.add(Sighting(
+                message.header.frame_id.strip('/'), convert.seconds(message.header.stamp),
+                convert.pose_from_message(message.pose.pose),
+                convert.usable_covariance(message.pose.covariance), time.monotonic()))
+        except ValueError as error:
+            self._count('encounters_unusable', str(error))
+
+
+def _transform_of_unknown_quality(message: TransformStamped) -> tuple[Pose, Array]:
+    """Pose of the child frame, with the covariance of what nobody told."""
+    return convert.transform_from_message(message), convert.usable_covariance(np.zeros(36))

@@ -1,0 +1,79 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a robot tells its peers, and when: each thing once, and again where it changed.
+
+A state is repeated now and then, so that silence means absence. The map is told only while
+somebody listens, as a key and what changed since.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from somfusion_ros.settings import tuned
+from somfusion_ros.team.channels import CHANGES, MAP
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.departed import DepartedRobot
+from somfusion_ros.team.heard import TimedPose
+from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.shared_map import MapCells
+from somfusion_ros.team.state_codec import encode_state, TeamState
+
+
+@dataclass(frozen=True)
+class OutboxTuning:
+    """How often things are told."""
+
+    heartbeat: float = tuned(
+        10.0, 's', 'a state is repeated after this time though nothing changed', 'by design')
+    stood_still: float = tuned(
+        0.02, 'm, rad', 'a pose that moved less is not told again', 'not measured')
+
+
+TUNING = OutboxTuning()
+
+
+class Outbox:
+    """Decides what is worth telling now; what carries it is up to the caller."""
+
+    def __init__(self, session: str) -> None:
+        self.session = session
+        self._encoder = MapEncoder()
+        self._cells: MapCells | None = None
+        self._sent: dict[str, bytes | None] = {MAP: None, CHANGES: None}
+        self._said: tuple[str, float] = '', 0.0
+        self._told = np.full(3, np.inf)
+
+    def state(self, constraints: Collection[MapConstraint], departed: Collection[DepartedRobot],
+              now: float) -> str | None:
+        """Return the state to send; None where it was said already, and not long ago."""
+        text = encode_state(TeamState(self.session, tuple(constraints), tuple(departed)))
+        said, at = self._said
+        if text == said and now - at < TUNING.heartbeat:
+            return None
+        self._said = text, now
+        return text
+
+    def moved(self, here: TimedPose) -> bool:
+        """Note the robot's pose; return whether it moved since it was told last."""
+        if np.abs(np.subtract(here.pose, self._told)).max() < TUNING.stood_still:
+            return False
+        self._told = np.array(here.pose)
+        return True
+
+    def share(self, cells: MapCells) -> None:
+        """Keep the robot's newest map, for those who want it."""
+        self._cells = cells
+
+    def map_messages(self) -> list[tuple[str, bytes]]:
+        """Return, by channel, what those who listen to the map have not got yet."""
+        if self._cells is not None:
+            self._encoder.encode(self._cells)
+            self._cells = None
+        fresh = []
+        for channel, data in ((MAP, self._encoder.key or None), (CHANGES, self._encoder.change)):
+            if data is not None and data is not self._sent[channel]:
+                self._sent[channel] = data
+                fresh.append((channel, data))
+        return fresh
