@@ -26,8 +26,8 @@ import numpy as np  # noqa: E402, I100
 from peers import missing, SYSTEMS  # noqa: E402
 from scores import score  # noqa: E402
 from somfusion_ros.io.bags.log import open_log  # noqa: E402
-from somfusion_ros.offline.robot_run import dense, paired  # noqa: E402
-from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
+from somfusion_ros.offline.robot_run import dense, MOST_WAITING, paired, PATIENCE  # noqa: E402
+from somfusion_ros.slam.pairing import Pairing  # noqa: E402
 
 SHARED = Path(os.environ.get('SOMFUSION_DATA', Path(__file__).resolve().parents[2]
                              / 'shared' / 'data'))
@@ -38,9 +38,10 @@ SCORES = ('relations mean', 'median', 'ate')
 def measure(folder: Path, name: str) -> str:
     """Replay one log through a system; give its row of the table."""
     begin = time.process_time()
-    log, system, buffer = open_log(folder / 'bag'), SYSTEMS[name](), OdometryBuffer()
+    log, system = open_log(folder / 'bag'), SYSTEMS[name]()
+    pairing = Pairing(PATIENCE, lambda fault, reason='': None, capacity=MOST_WAITING)
     path, beside = [], []
-    for scan, odometry in paired(log, buffer, {}):
+    for scan, odometry in paired(log, pairing):
         t0 = time.process_time()
         looked = system.process(scan, odometry)
         t1 = time.process_time()
@@ -48,10 +49,10 @@ def measure(folder: Path, name: str) -> str:
         if looked:
             path.append(t1 - t0)
         beside.append(time.process_time() - t1)
-        buffer.lag = system.lag
+        pairing.odometry.lag = system.lag
     system.draw()
     total = time.process_time() - begin
-    found = score(folder, *dense(*system.trajectory(), buffer))
+    found = score(folder, *dense(*system.trajectory(), pairing.odometry))
     words = ' '.join(f'{found[key]:9.4f}' if key in found else f'{"-":>9}' for key in SCORES)
     ms, memory = 1e3 * np.array(path), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return (f'{len(ms):6} {words} {np.median(ms):7.1f} {np.percentile(ms, 99):7.1f} '

@@ -2,24 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The SLAM of one robot over its log, as fast as it goes."""
 
-from collections import deque
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import time
 from typing import Any
 
 import numpy as np
-from somfusion_ros.geometry import Array, compose
+from somfusion_ros.geometry import Array
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.bags.log import BagError, Log
 from somfusion_ros.offline.history import History
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
+from somfusion_ros.slam.pairing import Pairing
 from somfusion_ros.slam.scan import Scan
-from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.session import Session
+from somfusion_ros.slam.step import Step
 from somfusion_ros.slam.trajectory import with_odometry
 
-LATE_ODOMETRY = 0.5   # [s] scans this much after the last odometry are reached by its twist
+PATIENCE = 1e9         # [s] that a scan of a log waits: all of its odometry will come
+MOST_WAITING = 20000   # scans of a log that may wait for odometry that was written later
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +31,9 @@ class RobotRun:
     What came out of one robot's log.
 
     grid in the robot's map frame; stamps [s] and poses T_map_base (M,), (M, 3) of every scan
-    and of the odometry between them, and of the kept views (N,), (N, 3); odometry (K, 3) at the
-    scans; counters by name; milliseconds per scan (K,); recorded and computing time [s]; the
-    history where it was asked for.
+    and of the odometry between them, and of the kept views (N,), (N, 3); counters by name;
+    milliseconds per scan (K,); recorded and computing time [s]; the history where it was asked
+    for.
     """
 
     log: Log
@@ -39,7 +42,6 @@ class RobotRun:
     poses: Array
     view_stamps: Array
     views: Array
-    odometry: Array
     counters: dict[str, int]
     milliseconds: Array
     recorded: float
@@ -55,21 +57,19 @@ def run_robot(log: Log, config: SlamConfig | None = None,
 
     progress is told the number of scans done since the last call; a history is filled.
     """
-    slam = Slam(config)
-    started, milliseconds, stamps, odometry = time.perf_counter(), [], [], []
-    counters = {'scans_without_odometry': 0}
-    buffer = OdometryBuffer(lambda name: _count(counters, name))
-    for scan, odometry_then in paired(log, buffer, counters):
-        before = time.perf_counter()
-        step = slam.process(scan, odometry_then)
-        buffer.lag = slam.odometry_lag
+    started, milliseconds = time.perf_counter(), []
+    faults = Counter({'scans_without_odometry': 0})
+    session = Session(config or SlamConfig(), PATIENCE, lambda name, _='': faults.update([name]),
+                      background=False, capacity=MOST_WAITING)
+    before = time.perf_counter()
+    for step in steps_of(log, session):
         milliseconds.append(1e3 * (time.perf_counter() - before))
-        stamps.append(scan.stamp)
-        odometry.append(odometry_then.pose)
         if history is not None:
-            history.add(step, slam)
+            history.add(step, session.slam)
         progress(1)
-    if not stamps:
+        before = time.perf_counter()
+    slam = session.slam
+    if not milliseconds:
         raise BagError(f'{log.path}: no scan has odometry at its time')
     while slam.work():
         pass
@@ -78,11 +78,10 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     grid = slam.grid()
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
-    all_stamps, poses = dense(*slam.trajectory(), buffer)
+    all_stamps, poses = dense(*slam.trajectory(), session.pairing.odometry)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
-                    np.asarray(odometry, dtype=float).reshape(-1, 3),
-                    {**slam.counters, **counters, **log.counters}, np.asarray(milliseconds),
+                    {**faults, **slam.counters, **log.counters}, np.asarray(milliseconds),
                     log.duration, seconds, history)
 
 
@@ -101,43 +100,29 @@ def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, A
             np.concatenate([poses[:a], dense[1], poses[b:]]))
 
 
-def paired(log: Log, buffer: OdometryBuffer,
-           counters: dict[str, int]) -> Iterator[tuple[Scan, Odometry]]:
-    """Yield every scan with the odometry at its stamp; count the scans that have none."""
-    waiting: deque[Scan] = deque()
+def steps_of(log: Log, session: Session) -> Iterator[Step]:
+    """Yield what the SLAM makes of every scan of a log; time stands still, as all is there."""
     for record in log:
-        if isinstance(record, Scan):
-            waiting.append(record)
-        else:
-            buffer.add(record.stamp, record.pose, record.slip)
-        while waiting and (buffer.covers(waiting[0].stamp, waiting[0].sweep)
-                           or buffer.passed(waiting[0].stamp)):
-            scan = waiting.popleft()
-            yield from _with(scan, buffer.at(scan.stamp, scan.sweep), counters)
-    for scan in waiting:   # no odometry came after them
-        odometry = buffer.at(scan.stamp) or _extrapolated(buffer, scan.stamp)
-        yield from _with(scan, odometry, counters)
+        feed(record, session)
+        for _, step in session.steps(0.0):
+            yield step
+    for _, step in session.finish():
+        yield step
 
 
-def _with(scan: Scan, odometry: Odometry | None,
-          counters: dict[str, int]) -> Iterator[tuple[Scan, Odometry]]:
-    """Yield the pair if there is odometry, else count."""
-    if odometry is None:
-        _count(counters, 'scans_without_odometry')
+def paired(log: Log, pairing: Pairing) -> Iterator[tuple[Scan, Odometry]]:
+    """Yield every scan of a log with the odometry of its time, for another SLAM than ours."""
+    for record in log:
+        feed(record, pairing)
+        while found := pairing.take(0.0):
+            yield found.scan, found.odometry
+    for found in pairing.finish():
+        yield found.scan, found.odometry
+
+
+def feed(record: Scan | Odometry, to: Session | Pairing) -> None:
+    """Hand a record of a log on."""
+    if isinstance(record, Scan):
+        to.add_scan(record, None, 0.0)
     else:
-        yield scan, odometry
-
-
-def _extrapolated(buffer: OdometryBuffer, stamp: float) -> Odometry | None:
-    """Odometry a little after the last sample, at constant twist; None if that is too late."""
-    last = (None if buffer.latest is None else
-            buffer.at(buffer.latest - max(buffer.lag, 0.0)))
-    if last is None or not 0.0 <= stamp - last.stamp <= LATE_ODOMETRY:
-        return None
-    step = np.asarray(last.twist) * (stamp - last.stamp)
-    return Odometry(stamp, compose(last.pose, step), last.twist, last.slip)
-
-
-def _count(counters: dict[str, int], name: str) -> None:
-    """Count one more."""
-    counters[name] = counters.get(name, 0) + 1
+        to.add_odometry(record.stamp, record.pose, record.slip)

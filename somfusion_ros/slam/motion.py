@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from somfusion_ros.geometry import Array, between, compose, wrap
 
 HISTORY = 20000  # odometry samples kept for scans that come late
+REACH = 0.5  # [s] that odometry reaches beyond its newest sample by its twist, if none comes
 WHEEL_SLIP = 0.02  # [m] of a wheel's random slip after one metre of its travel
 TWIST_SPAN = 0.2  # [s] least time over which a twist is measured: samples may arrive in bursts
 
@@ -126,6 +127,14 @@ class OdometryBuffer:
         twist, growth = self._rates(near, ahead)
         return Odometry(stamp, compose(pose, swept(twist, ahead)), twist,
                         None if growth is None else slip + growth * ahead)
+
+    def extrapolated(self, stamp: float) -> Odometry | None:
+        """Odometry a little after the newest sample, by its twist; None where it is too far."""
+        last = (None if self.latest is None else self.at(self.latest - max(self.lag, 0.0)))
+        if last is None or not 0.0 <= stamp - last.stamp <= REACH:
+            return None
+        step = last.twist * (stamp - last.stamp)
+        return Odometry(stamp, compose(last.pose, step), last.twist, last.slip)
 
     def covers(self, stamp: float, sweep: float = 0.0) -> bool:
         """Tell whether the samples reach from before the stamp to after it, lag and sweep [s]."""

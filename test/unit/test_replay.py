@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`somfusion replay` end to end on small bags of two robots in one room."""
 
+from collections import Counter
 import json
 import os
 from pathlib import Path
@@ -19,7 +20,7 @@ from somfusion_ros.io.maps import read_map
 from somfusion_ros.io.trajectories import read_tum, write_tum
 from somfusion_ros.offline.replay import replay, ReplayOptions
 from somfusion_ros.offline.robot_run import paired
-from somfusion_ros.slam.motion import OdometryBuffer
+from somfusion_ros.slam.pairing import Pairing
 
 OTHER_WAY = np.array([(6.8, 2.8), (4.0, 3.0), (1.5, 4.6), (1.2, 2.0), (3.5, 1.0)])
 PAIR_KEYS = {'target', 'source', 'accepted', 'probability', 'reason', 'transform',
@@ -127,10 +128,11 @@ def test_scans_after_the_last_odometry(tmp_path: Path, late: float, expected: in
             stamp = 10.0 + 0.1 * number
             bag.odometry(stamp, (0.05 * number, 0.0, 0.0), (0.5, 0.0, 0.0))
             bag.scan(fake_scan(fake_room(), (2.0, 2.0, 0.0), stamp + late * (number == 4)))
-    counters: dict[str, int] = {}
-    pairs = list(paired(open_log(tmp_path / 'bag'), OdometryBuffer(), counters))
+    counters: Counter[str] = Counter()
+    pairing = Pairing(1e9, lambda name, reason='': counters.update([name]))
+    pairs = list(paired(open_log(tmp_path / 'bag'), pairing))
     assert len(pairs) == expected
-    assert counters.get('scans_without_odometry', 0) == 5 - expected
+    assert counters['scans_without_odometry'] == 5 - expected
     last = pairs[-1]
     assert last[1].stamp == last[0].stamp
     assert last[1].pose[0] == pytest.approx(0.5 * (last[0].stamp - 10.0))

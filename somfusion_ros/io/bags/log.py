@@ -7,9 +7,9 @@ The ranges are handed on as they were recorded: what 0 or a value above `range_m
 decided in one place for logs and live scans alike, `somfusion_ros.slam.scan`.
 """
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-import heapq
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,14 @@ from somfusion_ros.slam.scan import Scan
 
 __all__ = ['BagError', 'BagOptions', 'Log', 'open_log']
 
-REORDER_WINDOW = 2.0   # [s] records may be written this much out of order of their stamps
+REORDER_WINDOW = 64   # records among which one that was written late finds its place
+HOLE = 1.5            # usual times between two records, that one is missing between
 
 
 @dataclass
 class Log:
     """
-    One robot's log: iterate over it for Scan and Odometry records in the order of their stamps.
+    One robot's log: iterate over it for Scan and Odometry records in the order of recording.
 
     counters holds what was left out and why; notes are sentences for the user; duration [s].
     """
@@ -123,16 +124,28 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
 
 def _in_order(records: Iterator[Scan | Odometry]) -> Iterator[Scan | Odometry]:
     """
-    Sort records by stamp within a window, odometry before a scan of the same stamp.
+    Put records that were written late back among those of their kind.
 
-    A step back by more than the window is not hidden: the SLAM counts it.
+    A late record fills a hole that the stamps before it left; one that fills none was stamped by a
+    clock that was set back, which the SLAM has to see.
     """
-    heap: list[tuple[float, bool, int, Scan | Odometry]] = []
-    newest = -np.inf
-    for number, record in enumerate(records):
-        heapq.heappush(heap, (record.stamp, isinstance(record, Scan), number, record))
-        newest = max(newest, record.stamp)
-        while heap and heap[0][0] < newest - REORDER_WINDOW:
-            yield heapq.heappop(heap)[3]
-    while heap:
-        yield heapq.heappop(heap)[3]
+    window: deque[Scan | Odometry] = deque()
+    for record in records:
+        place = _place_of(record, window)
+        window.insert(len(window) if place is None else place, record)
+        if len(window) > REORDER_WINDOW:
+            yield window.popleft()
+    yield from window
+
+
+def _place_of(record: Scan | Odometry, window: deque[Scan | Odometry]) -> int | None:
+    """Index in the window of the hole that a late record fills; None where it is not late."""
+    same = [i for i, other in enumerate(window) if type(other) is type(record)]
+    if not same or not record.stamp < window[same[-1]].stamp:
+        return None
+    stamps = np.array([window[i].stamp for i in same])
+    after = int(np.searchsorted(stamps, record.stamp))
+    if after == 0 or (np.diff(stamps) < 0.0).any():
+        return None
+    hole, usual = stamps[after] - stamps[after - 1], np.median(np.diff(stamps))
+    return same[after] if hole > HOLE * usual else None
