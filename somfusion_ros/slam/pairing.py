@@ -80,7 +80,10 @@ class Pairing:
         """Return the next scan that the odometry covers; None where there is none yet."""
         self._drop_undecided(now)
         found = next(self._queue.ready(now), None)
-        return None if found is None else Paired(*found[0], found[1])
+        if found is None:
+            return None
+        (scan, tag), odometry = found
+        return Paired(scan, tag, odometry)
 
     def finish(self) -> Iterator[Paired]:
         """Yield what still waits at the end of a log, with the odometry that there is."""

@@ -30,7 +30,7 @@ class ScanClockTuning:
     first_scans: int = tuned(
         10, 'scans', 'that must agree on it', 'by design')
     few: int = tuned(
-        5, 'scans', 'that tell how far their stamps usually lie from the odometry\'s', 'by design')
+        5, 'scans', 'that tell how far stamps usually lie from the odometry', 'by design')
     spread: float = tuned(
         0.5, 's', 'by which scans that tell the difference of two clocks may disagree',
         'by design')
