@@ -109,6 +109,13 @@ class Grid:
         percent[self.evidence == 0.0] = UNKNOWN
         return percent
 
+    def to_trinary(self) -> NDArray[np.int8]:
+        """Cells (H, W) as slam_toolbox publishes them: 100 wall, 0 free, -1 neither for sure."""
+        cells = np.full(self.shape, UNKNOWN, np.int8)
+        cells[self.free] = FREE
+        cells[self.occupied] = OCCUPIED
+        return cells
+
     @property
     def shape(self) -> tuple[int, int]:
         """Number of rows (along y) and of columns (along x)."""

@@ -59,7 +59,15 @@ class SlamNodeConfig:
         'Mount of the laser on the robot (x, y, yaw); all zero: taken from /tf_static.')
     map_directory: str = parameter(
         '.', '', None, None,
-        'Folder into which save_map writes map.yaml and map.pgm.', live=True)
+        'Folder of the files that save_map and serialize_map write; ~ is the home folder.',
+        live=True)
+    map_name: str = parameter(
+        '', '', None, None,
+        'Name, without ending, of the files that save_map, serialize_map and deserialize_map use; '
+        'it may be a path. Empty takes the namespace: robot1_map.', live=True)
+    autostart: bool = parameter(
+        True, '', None, None,
+        'Configure and activate at the start; false where a lifecycle_manager does it.')
     state_file: str = parameter(
         '', '', None, None,
         'File from which a restarted node goes on with its map; empty begins a new map always.')
@@ -85,7 +93,8 @@ class FusionNodeConfig:
         'Name under which the other robots know this one; empty takes the namespace.')
     peers: tuple[str, ...] = parameter(
         ('',), '', None, None,
-        'Names of the robots to merge with; empty merges with every robot that shows up.')
+        'Names of the robots to merge with, as a list or as one text with blanks or commas '
+        'between them; empty merges with every robot that shows up.', words=True)
     robot_map_topic: str = parameter(
         'map', '', None, None,
         'Last name of the topic on which every robot publishes its own map.')
@@ -114,9 +123,27 @@ class FusionNodeConfig:
     max_map_cells: int = parameter(
         67108864, 'cells', 1, 268435456,
         'Larger maps are refused and counted; raise it for very large or very fine maps.')
+    transform_publish_period: float = parameter(
+        0.05, 's', 0.0, 60.0,
+        'Time between two world -> map transforms, as slam_node repeats map -> odom; 0 publishes '
+        'none.')
+    transform_timeout: float = parameter(
+        0.5, 's', 0.0, 60.0,
+        'Transforms are dated this far ahead, so that whoever asks for the present finds one.')
+    map_update_interval: float = parameter(
+        5.0, 's', 0.1, 3600.0,
+        'A merged map that did not change is published again after this time, for subscribers '
+        'that came late and take no latched message.', live=True)
     map_directory: str = parameter(
         '.', '', None, None,
-        'Folder into which save_map writes global_map.yaml and global_map.pgm.')
+        'Folder of the files that save_map writes; ~ is the home folder.', live=True)
+    map_name: str = parameter(
+        '', '', None, None,
+        'Name, without ending, of the files that save_map writes; it may be a path. Empty takes '
+        'the namespace: robot1_global_map.', live=True)
+    autostart: bool = parameter(
+        True, '', None, None,
+        'Configure and activate at the start; false where a lifecycle_manager does it.')
 
     def __post_init__(self) -> None:
         validate(self)

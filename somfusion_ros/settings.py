@@ -14,14 +14,16 @@ from typing import Any
 
 
 def parameter(default: Any, unit: str, low: float | None, high: float | None,
-              description: str, live: bool = False) -> Any:
+              description: str, live: bool = False, words: bool = False) -> Any:
     """
     Make a dataclass field that carries its unit, range (None: open) and sentence.
 
-    live: a node takes changes of it while it runs, even where its class is read at the start.
+    live: a node takes changes of it while it runs, even where its class is read at the start;
+    words: a list of words, which may come as one text, separated by blanks or commas.
     """
     return field(default=default, metadata={
-        'unit': unit, 'low': low, 'high': high, 'description': description, 'live': live})
+        'unit': unit, 'low': low, 'high': high, 'description': description, 'live': live,
+        'words': words})
 
 
 def validate(config: Any) -> None:

@@ -89,7 +89,8 @@ def test_a_room_is_mapped_and_every_interface_serves(graph: Graph, tmp_path: Pat
         grid(robot.maps[-1]).evidence), 'the same map by topic and service')
     saved = graph.call(Trigger, '/robot1/slam_node/save_map')
     assert saved.success, saved.message
-    assert missing_walls(read_map(tmp_path / 'map.yaml'), true) < 0.1
+    assert str(tmp_path / 'robot1_map.yaml') in saved.message
+    assert missing_walls(read_map(tmp_path / 'robot1_map.yaml'), true) < 0.1
     assert graph.call(Trigger, '/robot1/slam_node/reset').success
     graph.assert_clean(graph.processes.stop())
 

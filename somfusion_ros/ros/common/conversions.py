@@ -113,15 +113,20 @@ def grid_from_message(message: OccupancyGrid, max_cells: int) -> Grid:
     return Grid.from_occupancy(cells.values, cells.resolution, cells.T_frame_grid)
 
 
-def grid_message(grid: Grid, frame: str, stamp: Time) -> OccupancyGrid:
-    """Convert a map; `data` goes in as one block, element by element takes seconds."""
+def grid_message(grid: Grid, frame: str, stamp: Time, graded: bool = False) -> OccupancyGrid:
+    """
+    Convert a map: cells -1, 0 and 100 as Nav2 reads them, or graded evidence 0..100.
+
+    `data` goes in as one block; element by element takes seconds.
+    """
     message = OccupancyGrid(header=Header(frame_id=frame, stamp=stamp))
     message.info.map_load_time = stamp
     message.info.resolution = grid.resolution
     message.info.height, message.info.width = (int(side) for side in grid.shape)
     message.info.origin = pose_message(grid.T_frame_grid)
     data = array('b')
-    data.frombytes(grid.to_occupancy().tobytes())
+    cells = grid.to_occupancy() if graded else grid.to_trinary()
+    data.frombytes(cells.tobytes())
     message.data = data
     return message
 

@@ -10,7 +10,7 @@ below another robot's name are found as `/<robot>/<name>`.
 # One robot's SLAM.
 SCAN, ODOMETRY, JOINT_STATES = 'scan', 'odom', 'joint_states'
 MAP, MAP_METADATA, ROBOT_POSE, PATH = 'map', 'map_metadata', 'pose', 'path'
-DYNAMIC_MAP = 'dynamic_map'
+MAP_GRADED, DYNAMIC_MAP = 'map_graded', 'dynamic_map'
 
 # The team, for those who use its results.
 RELATIVE_TRANSFORMS, PEER_POSES, PEER_BODIES = 'relative_transforms', 'peer_poses', 'peer_bodies'
@@ -22,7 +22,9 @@ TEAM_MAP, TEAM_MAP_CHANGES = 'team/map', 'team/map_changes'
 TEAM_DEPARTED = 'team/departed'   # followed by the name of the robot that is gone
 
 # Services below each node's name.
-SAVE_MAP, RESET, MERGE = '~/save_map', '~/reset', '~/merge'
+SAVE_MAP, SAVE_MAP_AS, RESET, MERGE = '~/save_map', '~/save_map_as', '~/reset', '~/merge'
+SERIALIZE_MAP, DESERIALIZE_MAP = '~/serialize_map', '~/deserialize_map'
+PAUSE = '~/pause_new_measurements'
 
 # Absolute, as everywhere in ROS: remapped where a robot has a tree of its own.
 TF, TF_STATIC, DIAGNOSTICS = '/tf', '/tf_static', '/diagnostics'

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters declared from the config dataclasses: defaults and descriptions live there."""
 
+from collections.abc import Iterable
 from dataclasses import asdict, Field, fields, replace
+from difflib import get_close_matches
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
@@ -13,6 +15,8 @@ if TYPE_CHECKING:
 
 Config = TypeVar('Config', bound='DataclassInstance')
 UNBOUNDED = {float: 1e308, int: 2 ** 62}   # rcl ranges have two ends
+ROS_OWN = ('use_sim_time', 'start_type_description_service')
+ROS_PREFIXES = ('qos_overrides.',)
 
 
 def declare(node: Any, config_class: type[Config], changeable: bool = False) -> Config:
@@ -34,7 +38,8 @@ def descriptor(item: Field[Any], changeable: bool) -> ParameterDescriptor:
     meta = item.metadata
     unit = f' [{meta["unit"]}]' if meta['unit'] else ''
     result = ParameterDescriptor(name=item.name, description=meta['description'] + unit,
-                                 read_only=not (changeable or meta['live']))
+                                 read_only=not (changeable or meta['live']),
+                                 dynamic_typing=meta['words'])
     kind = type(item.default)
     bounded = meta['low'] is not None or meta['high'] is not None
     if bounded and kind in UNBOUNDED:
@@ -68,6 +73,38 @@ def as_yaml(config: Any) -> dict[str, Any]:
     return {name: _to_ros(value) for name, value in asdict(config).items()}
 
 
+def unknown(given: Iterable[str], declared: Iterable[str],
+            elsewhere: dict[str, Iterable[str]]) -> list[str]:
+    """
+    Name every parameter that was given but does not exist, with the nearest one that does.
+
+    Parameters
+    ----------
+    given : names that came from the command line and from files
+    declared : names of the node's own parameters
+    elsewhere : names of the parameters of other nodes, by node
+    """
+    own, said = set(declared) | set(ROS_OWN), []
+    for name in sorted(set(given) - own):
+        owner = next((node for node, names in elsewhere.items() if name in set(names)), None)
+        near = get_close_matches(name, own, 1) or [
+            last for last in [name.rpartition('.')[2]] if last in own]
+        if name.startswith(ROS_PREFIXES):
+            continue
+        if owner:
+            said.append(f'{name} is a parameter of {owner}, not of this node')
+        elif near:
+            said.append(f'there is no parameter {name}; did you mean {near[0]}?')
+        else:
+            said.append(f'there is no parameter {name}')
+    return said
+
+
+def given_to(node: Any) -> set[str]:
+    """Names of all parameters that the command line and parameter files give a node."""
+    return set(node._parameter_overrides)   # rclpy has no public way to ask
+
+
 def _to_ros(value: Any) -> Any:
     """Convert a tuple to the list that ROS knows."""
     return list(value) if isinstance(value, tuple) else value
@@ -75,4 +112,6 @@ def _to_ros(value: Any) -> Any:
 
 def _from_ros(item: Field[Any], value: Any) -> Any:
     """Convert a list to the tuple that a frozen config holds."""
+    if item.metadata['words'] and isinstance(value, str):
+        value = [value]
     return tuple(value) if isinstance(item.default, tuple) else value

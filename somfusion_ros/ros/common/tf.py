@@ -9,19 +9,19 @@ published as a message. Both topics are absolute, as everywhere in ROS: remap /t
 /tf_static to tf_static for a robot with a tree of its own.
 """
 
-from importlib import import_module
 from typing import Any
 
 from somfusion_ros.geometry import Pose
 from somfusion_ros.io.frame_tree import FrameTree, Mount
 from somfusion_ros.ros.common import names, qos
+from somfusion_ros.ros.common.optional_types import message_type
 
 
 class Broadcaster:
     """Sends estimates on /tf, never on /tf_static, because they change; nothing without TF."""
 
     def __init__(self, node: Any) -> None:
-        self._type = message_type(node)
+        self._type = _transform_type(node)
         self.available = self._type is not None
         self._publisher = (node.create_publisher(self._type, names.TF, qos.TRANSFORMS)
                            if self.available else None)
@@ -45,7 +45,7 @@ class Mounts:
         self._given = None if given == Pose() else Mount(given)
         self._known: dict[tuple[str, str], Mount] = {}
         self._tree, self._node, self._repeated = FrameTree(), node, None
-        kind = None if self._given else message_type(node)
+        kind = None if self._given else _transform_type(node)
         if kind is None:
             self._given = self._given or Mount(given)
             return
@@ -72,11 +72,10 @@ class Mounts:
         self._tree.add(message.transforms)
 
 
-def message_type(node: Any) -> Any:
+def _transform_type(node: Any) -> Any:
     """Return tf2_msgs/TFMessage; None, logged once, where it is not installed."""
-    try:
-        return import_module('tf2_msgs.msg').TFMessage
-    except ImportError as error:
-        node.get_logger().info(f'running without TF ({error}): transforms go out as messages',
+    kind = message_type('tf2_msgs.msg', 'TFMessage')
+    if kind is None:
+        node.get_logger().info('running without TF (no tf2_msgs): transforms go out as messages',
                                once=True)
-        return None
+    return kind

@@ -25,6 +25,9 @@ class SlamPublisher:
         self._node, self._config = node, config
         self._transforms = Broadcaster(node)
         self._map = node.create_publisher(OccupancyGrid, names.MAP, qos.LATCHED)
+        self._graded = node.create_publisher(OccupancyGrid, names.MAP_GRADED, qos.LATCHED)
+        self._shown: tuple[OccupancyGrid, Grid]
+        self._path_message: Path
         self._metadata = node.create_publisher(MapMetaData, names.MAP_METADATA, qos.LATCHED)
         self._pose = node.create_publisher(PoseWithCovarianceStamped, names.ROBOT_POSE,
                                            qos.STREAM)
@@ -37,10 +40,20 @@ class SlamPublisher:
         """Publish map, metadata and path; return the map's message."""
         frame = self._config.map_frame
         message = convert.grid_message(grid, frame, stamp)
+        self._path_message = convert.path_message(*slam.views(), frame, stamp)
+        self._shown = message, grid
+        self.repeat_map()
+        return message
+
+    def repeat_map(self) -> None:
+        """Publish the newest map again, for those who came late and take no latched message."""
+        message, grid = self._shown
         self._map.publish(message)
         self._metadata.publish(message.info)
-        self._path.publish(convert.path_message(*slam.views(), frame, stamp))
-        return message
+        self._path.publish(self._path_message)
+        if self._graded.get_subscription_count():
+            self._graded.publish(convert.grid_message(
+                grid, message.header.frame_id, message.header.stamp, graded=True))
 
     def pose(self, step: Step, stamp: Time) -> None:
         """Publish where the robot is."""
@@ -48,7 +61,7 @@ class SlamPublisher:
             step.pose, step.covariance, self._config.map_frame, stamp))
 
     def transform(self, step: Step, stamp: Time) -> None:
-        """Repeat map -> odom, stamped ahead by the timeout so that consumers need not wait."""
+        """Repeat map -> odom, dated ahead by the timeout, so that consumers need not wait."""
         ahead = convert.seconds(stamp) + self._config.transform_timeout
         self._transforms.send([convert.transform_message(
             step.T_map_odom, self._config.map_frame, self._config.odom_frame,

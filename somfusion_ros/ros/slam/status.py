@@ -1,17 +1,19 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What slam_node tells /diagnostics."""
+"""What slam_node publishes on /diagnostics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from somfusion_ros.ros.common.conversions import seconds
 from somfusion_ros.ros.common.diagnostics import status
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.step import Step
 
-SILENT = 2.0   # [s] without scans or odometry that are worth a warning
+SILENT = 2.0          # [s] without scans or odometry that are worth a warning
+EXTRAPOLATED = 10.0   # [s] that map -> odom is taken to hold without a scan that could be used
 
 
 @dataclass
@@ -19,23 +21,41 @@ class Last:
     """
     What happened last.
 
-    Stamp and step of the newest scan used, seconds that it took, scans processed so far, when
-    scans and odometry were heard [s, steady clock], what the newest scan lacked, and scans and
-    time at the last report.
+    Stamp and step of the newest scan used, stamp of the newest scan heard, seconds that a scan
+    took, scans processed so far, when scans and odometry were heard [s, steady clock], what the
+    newest scan lacked, whether new scans are left out, and scans and time at the last report.
     """
 
     stamp: Time | None = None
     step: Step | None = None
+    heard_stamp: Time | None = None
     scan_seconds: float = 0.0
     scans: int = 0
     scan_heard: float = float('-inf')
     odometry_heard: float = float('-inf')
     lacking: str = ''
+    paused: bool = False
     reported: tuple[int, float] = (0, 0.0)
+
+    @property
+    def present(self) -> Time | None:
+        """
+        Stamp at which map -> odom holds: of the newest scan heard.
+
+        Where that one is not used, for a moment or while new scans are left out, the transform
+        is still the best that is known, and who navigates needs one. A stray stamp does not count.
+        """
+        if self.stamp is None or self.heard_stamp is None:
+            return self.stamp
+        ahead = seconds(self.heard_stamp) - seconds(self.stamp)
+        return self.heard_stamp if 0.0 < ahead and (
+            self.paused or ahead < EXTRAPOLATED) else self.stamp
 
 
 def silence(last: Last, now: float) -> tuple[str, str]:
-    """Name why no pose comes out, for a count of seconds, and say it; ('', '') while one does."""
+    """Return a name to count by and the reason why no pose comes out; ('', '') while one does."""
+    if last.paused:
+        return '', ''
     for word, heard in (('scan', last.scan_heard), ('odometry', last.odometry_heard)):
         if now - heard > SILENT:
             age = f'for {now - heard:.0f} s' if heard > float('-inf') else 'yet'
@@ -47,7 +67,7 @@ def silence(last: Last, now: float) -> tuple[str, str]:
 
 def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mapping[str, int],
                 now: float) -> DiagnosticStatus:
-    """Make the status of a slam_node; now [s] is the time of a steady clock."""
+    """Build the status of a slam_node; now [s] is the time of a steady clock."""
     (scans, since), last.reported = last.reported, (last.scans, now)
     sigma = slam.pose_sigma
     values = {'scans_per_s': (last.scans - scans) / max(now - since, 1e-3),
@@ -56,4 +76,5 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
               'age_of_odometry_s': now - last.odometry_heard,
               'pose_sigma_x_m': sigma[0], 'pose_sigma_y_m': sigma[1],
               'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
-    return status(node, namespace, values, silence(last, now)[1])
+    warning = 'paused: new scans are left out' if last.paused else silence(last, now)[1]
+    return status(node, namespace, values, warning)

@@ -1,0 +1,163 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A node with the life cycle that Nav2's lifecycle_manager drives, and services that always answer.
+
+Unconfigured, it has its parameters only. Configuring loads what it starts from and creates its
+publishers and services; activating creates its subscriptions and timers and starts its threads.
+The ways back undo just that. With `autostart` it takes both steps by itself.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.task import Future
+from somfusion_ros.ros.common.entities import Entities
+
+DEACTIVATION_TIMEOUT = 30.0   # [s] that the threads are given to finish their piece of work
+Answer = tuple[bool, str]     # whether a job went well, and its result or the reason
+
+
+class ManagedNode(LifecycleNode):
+    """Base of both nodes; they define the four steps and the thread that serves."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.active = False
+        self.configured_part, self.active_part = Entities(self), Entities(self)
+        # A group of its own: while a service waits for a thread, the other callbacks go on.
+        self._waiting = MutuallyExclusiveCallbackGroup()
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)   # goes on in a paused simulation
+        self._pending: set[Future] = set()
+        self._failure = ''
+
+    def configure(self) -> None:
+        """Load what the node starts from, and create its publishers and services."""
+
+    def activate(self) -> None:
+        """Create subscriptions and timers, and start the threads."""
+
+    def deactivate(self, timeout: float) -> bool:
+        """Stop the threads; return whether they ended in time."""
+        return True
+
+    def clean_up(self) -> None:
+        """Forget what configuring loaded."""
+
+    def submit(self, job: Callable[[], Any]) -> None:
+        """Run a job soon in the thread that serves."""
+        job()
+
+    def count_error(self, error: Exception) -> None:
+        """Count an error that nobody foresaw."""
+
+    def autostart(self) -> None:
+        """Configure and activate; ValueError with the reason where that fails."""
+        for step in (self.trigger_configure, self.trigger_activate):
+            if step() is not TransitionCallbackReturn.SUCCESS:
+                raise ValueError(self._failure)
+
+    def close(self, timeout: float) -> bool:
+        """Stop the threads at the end of the process; return whether they ended in time."""
+        return self.deactivate(timeout) if self.active else True
+
+    def every(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back by a steady clock [s] while the node is active."""
+        self.active_part.create_timer(period, callback, clock=self._steady)
+
+    def serve(self, kind: type, name: str, job: Callable[[Any], str]) -> None:
+        """
+        Create a service; its job takes the request in the thread that serves.
+
+        The job returns what came of it, or raises OSError or ValueError with the reason.
+        """
+        self.configured_part.create_service(kind, name, partial(self._serve, job),
+                                            callback_group=self._waiting)
+
+    async def _serve(self, job: Callable[[Any], str], request: Any, response: Any) -> Any:
+        """Let the thread do a job and wait for it; callbacks go on meanwhile."""
+        if self.active:
+            done = Future(executor=self.executor)
+            self._pending.add(done)
+            self.submit(lambda: done.set_result(self._outcome(partial(job, request))))
+            success, message = await done
+            self._pending.discard(done)
+        else:
+            success, message = False, 'the node is not active'
+        if success:
+            self.get_logger().info(message)
+        else:   # a line of its own: rclpy wants one severity per line
+            self.get_logger().warning(message)
+        if hasattr(response, 'message'):
+            response.success, response.message = success, message
+        else:   # nav2_msgs
+            response.result = success
+        return response
+
+    def _outcome(self, job: Callable[[], str]) -> Answer:
+        """Run the job of a service; whatever happens, there is an answer."""
+        try:
+            return True, job()
+        except (OSError, ValueError) as error:
+            return False, str(error)
+        except Exception as error:   # the caller waits
+            self.count_error(error)
+            return False, f'this failed unexpectedly: {error!r}'
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go from unconfigured to inactive."""
+        return self._step(self.configure, self._undo_configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go from inactive to active."""
+        self.active = True
+        return self._step(self.activate, self._undo_activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go from active to inactive; everything built is kept."""
+        return self._step(self._undo_activate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go from inactive to unconfigured."""
+        return self._step(self._undo_configure)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go from any state to finalized."""
+        return self._step(self._undo_all)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to unconfigured after a step that failed."""
+        return self._step(self._undo_all)
+
+    def _undo_activate(self) -> None:
+        self.active = False
+        self.active_part.destroy_all()
+        self.deactivate(DEACTIVATION_TIMEOUT)
+        for done in self._pending:
+            done.set_result((False, 'the node was deactivated'))
+
+    def _undo_configure(self) -> None:
+        self.configured_part.destroy_all()
+        self.clean_up()
+
+    def _undo_all(self) -> None:
+        if self.active:
+            self._undo_activate()
+        self._undo_configure()
+
+    def _step(self, step: Callable[[], None],
+              undo: Callable[[], None] = lambda: None) -> TransitionCallbackReturn:
+        """Take one step of the life cycle; a failure is logged, undone and reported."""
+        try:
+            step()
+        except Exception as error:
+            foreseen = isinstance(error, (OSError, ValueError))
+            self._failure = str(error) if foreseen else repr(error)
+            self.get_logger().error(self._failure)
+            undo()
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS

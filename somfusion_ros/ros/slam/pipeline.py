@@ -1,0 +1,166 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The two threads of slam_node.
+
+One follows the robot scan by scan, the other one closes loops, draws maps and serves, so that
+neither of them holds up what comes in.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import OccupancyGrid
+from somfusion_ros.grid import Grid
+from somfusion_ros.io.maps import write_map
+from somfusion_ros.ros.common.conversions import time_message
+from somfusion_ros.ros.common.worker import Worker
+from somfusion_ros.ros.slam.publisher import SlamPublisher
+from somfusion_ros.ros.slam.status import Last
+from somfusion_ros.slam.bodies import Bodies
+from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
+from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
+from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.session import Session
+
+TICK = 0.1   # [s] between looks at scans that wait in vain
+
+
+class Pipeline:
+    """
+    A SLAM session at work: scans and odometry in, poses and maps out.
+
+    make_session makes a session that goes on from a state, or begins a new map with None. map:
+    the map as published last, None before the first; map_interval: time [s] between two maps.
+    """
+
+    def __init__(self, make_session: Callable[[Any], Session], keeper: CheckpointKeeper,
+                 publisher: SlamPublisher, last: Last, count: Callable[..., None]) -> None:
+        self._make_session, self._keeper, self._publisher = make_session, keeper, publisher
+        self._last, self._count = last, count
+        self.map: OccupancyGrid | None = None
+        self.map_interval = 5.0
+        self._ticks = 0
+        self._drawn: Any = None
+        self._begin(keeper.load())
+
+    def start(self) -> None:
+        """Start both threads."""
+        self._tracker = Worker(self._process, self._on_error, TICK)
+        self._mapper = Worker(self._work, self._on_error)
+        self._tracker.start()
+        self._mapper.start()
+
+    def stop(self, timeout: float) -> bool:
+        """Stop both threads and keep the state; return whether they ended in time."""
+        ended = self._tracker.close(timeout)
+        ended = self._mapper.close(timeout) and ended
+        if ended:
+            self._keeper.keep(self.session.slam, self._last.step, float('inf'))
+        return ended
+
+    def tick(self) -> None:
+        """
+        Let time pass for the scans that wait.
+
+        Ticks are the clock of the waiting: they stand still while the node's callbacks are held
+        up, so a scan is never dropped for odometry that lies in the queue already.
+        """
+        self._ticks += 1
+
+    def add_scan(self, scan: Scan, stamp: Time, bodies: Bodies) -> None:
+        """Let a scan wait for its odometry; bodies are where other robots are now."""
+        self.session.bodies = bodies
+        self.session.add_scan(scan, stamp, self._ticks * TICK)
+        self._tracker.wake()
+
+    def add_odometry(self, stamp: float, pose: Any, slip: Any) -> None:
+        """Keep a pose of the wheel odometry."""
+        self.session.add_odometry(stamp, pose, slip)
+        self._tracker.wake()
+
+    def submit(self, job: Callable[[], Any]) -> None:
+        """Run a job soon in the thread that draws maps."""
+        self._mapper.submit(job)
+
+    def save_map(self, stem: Path) -> str:
+        """Write the map as it is now as `<stem>.yaml` and `<stem>.pgm`; return what was done."""
+        if not len(self.session.slam.views()[0]):
+            raise ValueError('there is no map to save yet: no scan could be used')
+        path = write_map(stem.parent, self._publish_map(), stem.name)
+        return f'map saved to {path}'
+
+    def serialize(self, stem: Path) -> str:
+        """Write the state, from which SLAM can go on, as `<stem>.npz`; return what was done."""
+        state, path = self.session.slam.checkpoint(), stem.with_name(f'{stem.name}.npz')
+        if not len(state.poses):
+            raise ValueError('there is nothing to serialize yet: no scan could be used')
+        save_checkpoint(path, state)
+        return f'{len(state.poses)} views saved to {path}'
+
+    def deserialize(self, stem: Path) -> str:
+        """Go on from `<stem>.npz` in place of the present map; return what was done."""
+        path = stem.with_name(f'{stem.name}.npz')
+        try:
+            state = load_checkpoint(path)
+        except FileNotFoundError as error:
+            raise ValueError(f'{path} does not exist') from error
+        self._tracker.submit(lambda: self._begin(state))
+        return f'goes on from {len(state.poses)} views of {path}'
+
+    def reset(self) -> str:
+        """Begin a new map; return what was done."""
+        self._keeper.forget()
+        self._tracker.submit(lambda: self._begin(None))
+        return 'a new map begins'
+
+    def _begin(self, state: Any) -> None:
+        """Begin a new map, or go on from a state, whose map is shown before the first scan."""
+        self.session = self._make_session(state)
+        self._last.step = self._last.stamp = None
+        if state is not None:
+            self._last.stamp = time_message(self.session.slam.last_stamp)
+        self._state, self._drawn = state, None   # the map is drawn after a step, or a state
+        self._map_due = 0.0
+
+    def _process(self) -> bool:
+        """Follow the robot through one scan that odometry covers; return whether there was one."""
+        start = time.perf_counter()
+        found = next(self.session.steps(self._ticks * TICK), None)
+        if found is None or self._tracker.stopping:
+            return False
+        stamp, step = found
+        self._last.scan_seconds = time.perf_counter() - start
+        self._last.scans += 1
+        if step.accepted:
+            self._last.stamp, self._last.step = stamp, step
+            self._publisher.pose(step, stamp)
+        return True
+
+    def _work(self) -> bool:
+        """Close one loop or publish the map; return whether there is more."""
+        more = self.session.slam.work()
+        if time.monotonic() >= self._map_due:
+            newest = self._last.step or self._state
+            if newest is not self._drawn:
+                self._drawn = newest
+                self._publish_map()
+            elif self.map is not None:
+                self._publisher.repeat_map()
+            self._map_due = time.monotonic() + self.map_interval
+        self._keeper.keep(self.session.slam, self._last.step, time.monotonic())
+        return more
+
+    def _publish_map(self) -> Grid:
+        """Draw and publish the map."""
+        slam, stamp = self.session.slam, self._last.stamp or Time()
+        grid = slam.grid()
+        if not self._mapper.stopping:
+            self.map = self._publisher.grid(grid, slam, stamp)
+        return grid
+
+    def _on_error(self, error: Exception) -> None:
+        self._count('worker_errors', repr(error))
