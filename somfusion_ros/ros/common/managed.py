@@ -57,9 +57,11 @@ class ManagedNode(LifecycleNode):
 
     def autostart(self) -> None:
         """Configure and activate; ValueError with the reason where that fails."""
-        for step in (self.trigger_configure, self.trigger_activate):
-            if step() is not TransitionCallbackReturn.SUCCESS:
-                raise ValueError(self._failure)
+        done = self.trigger_configure()
+        if done is TransitionCallbackReturn.SUCCESS:
+            done = self.trigger_activate()
+        if done is not TransitionCallbackReturn.SUCCESS:
+            raise ValueError(self._failure)
 
     def close(self, timeout: float) -> bool:
         """Stop the threads at the end of the process; return whether they ended in time."""
