@@ -17,7 +17,7 @@ setup(
     maintainer_email='somfusion@example.org',
     license='Apache-2.0',
     keywords=['ROS', 'SLAM', 'multi-robot', 'map merging'],
-    packages=find_packages(exclude=['test', 'benchmarks']),
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),

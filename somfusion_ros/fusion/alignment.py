@@ -30,7 +30,7 @@ class AlignmentSettings:
         8, 'clusters', 'a map of fewer that have a normal cannot be matched', 'by design')
     published_v: float = tuned(
         0.9, 'share', 'V (12) from which the published method trusts its only hypothesis',
-        'benchmarks/fusion.py')
+        'benchmarks/fusion/stages.py')
 
 
 ALIGNMENT = AlignmentSettings()

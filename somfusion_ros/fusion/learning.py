@@ -24,12 +24,12 @@ class LearningSettings:
         4, 'cells', 'a segment of fewer cells is noise', 'by design')
     oriented: float = tuned(
         0.3, '0..1', 'agreement of the surfaces around a cluster from which it has a normal: '
-        'below, it is a blob', 'benchmarks/fusion.py')
+        'below, it is a blob', 'benchmarks/fusion/stages.py')
     sketch: int = tuned(
         160, 'clusters', 'stand for a map where every hypothesis is looked at; 80 lose pairs of '
-        'little overlap', 'benchmarks/fusion.py')
+        'little overlap', 'benchmarks/fusion/stages.py')
     radon: int = tuned(
-        300, 'clusters', 'the Radon image is made of; more change no peak', 'benchmarks/fusion.py')
+        300, 'clusters', 'the Radon image is made of; more change no peak', 'benchmarks/fusion/stages.py')
     cell: float = tuned(
         0.1, 'm', "edge of the zones' cells: two cells of most maps", 'by design')
     fine_cell: float = tuned(
@@ -38,9 +38,9 @@ class LearningSettings:
     reach: float = tuned(
         1.3, 'm', 'furthest match that is looked up: that of Algorithm 2 and a cell', 'by design')
     probes: int = tuned(
-        1000, 'cells', 'stand for all wall cells in the verdict', 'benchmarks/fusion.py')
+        1000, 'cells', 'stand for all wall cells in the verdict', 'benchmarks/fusion/stages.py')
     free_places: int = tuned(
-        2000, 'places', 'stand for all free cells in V and the overlap', 'benchmarks/fusion.py')
+        2000, 'places', 'stand for all free cells in V and the overlap', 'benchmarks/fusion/stages.py')
 
 
 LEARNING = LearningSettings()

@@ -19,19 +19,19 @@ class SearchSettings:
 
     peaks: int = tuned(
         4, 'peaks', "of the histograms' correlation are followed; the right one is among them in "
-        'every shared pair', 'benchmarks/fusion.py')
+        'every shared pair', 'benchmarks/fusion/stages.py')
     candidates: int = tuned(
         40, 'poses', 'distinct, of which the wall cells choose the finalists',
-        'benchmarks/fusion.py')
+        'benchmarks/fusion/stages.py')
     vote_cells: int = tuned(
         512, 'cells', 'most along an edge of the voting grid: bounds memory and time',
-        'benchmarks/fusion_growth.py')
+        'benchmarks/fusion/growth.py')
     last_angles: tuple[float, ...] = tuned(
         (9.0, 6.0, 5.0, 4.0), 'deg', 'last thresholds of Algorithm 2, with all clusters',
         'by design')
     last_reaches: tuple[float, ...] = tuned(
         (0.4, 0.3, 0.2, 0.15), 'm', 'furthest match at each of them',
-        'benchmarks/fusion.py: strict')
+        'benchmarks/fusion/stages.py: strict')
 
 
 SEARCH = SearchSettings()

@@ -19,7 +19,7 @@ from somfusion_ros.settings import tuned
 class VerificationSettings:
     """Numbers that the verification was tuned with."""
 
-    bent_rivals: int = tuned(1, 'rivals', 'may bend too', 'benchmarks/calibration.py')
+    bent_rivals: int = tuned(1, 'rivals', 'may bend too', 'benchmarks/fusion/calibration.py')
 
 
 VERIFICATION = VerificationSettings()

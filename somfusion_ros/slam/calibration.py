@@ -28,10 +28,10 @@ class CalibrationTuning:
     prior_turn: tuple[float, float, float] = tuned(
         (0.10, 0.04, 0.02), 's, share, rad/m',
         'sigmas of lag, turn scale and veer before anything is known',
-        'benchmarks/trials.py, shared logs')
+        'benchmarks/slam/covariance.py, shared logs')
     prior_travel: float = tuned(
         0.04, 'share', 'sigma of the travel scale before anything is known',
-        'benchmarks/trials.py, shared logs')
+        'benchmarks/slam/covariance.py, shared logs')
     turn_noise: tuple[float, float] = tuned(
         (0.015, 0.10), 'rad, share of the turn', 'turn of a step that is not systematic',
         'shared logs')

@@ -23,10 +23,10 @@ class CovarianceTuning:
     handed_on: float = tuned(
         0.47, 'share of the variance',
         'the views after a match inherit this of its error; a laser of 240 degrees and '
-        '4 m would have more, one that sees far less', 'benchmarks/trials.py')
+        '4 m would have more, one that sees far less', 'benchmarks/slam/covariance.py')
     sweep_noise: tuple[float, float, float] = tuned(
         (0.1, 0.1, 0.4), 'share of the motion',
-        'motion during a sweep that the twist does not tell', 'benchmarks/trials.py')
+        'motion during a sweep that the twist does not tell', 'benchmarks/slam/covariance.py')
 
 
 TUNING = CovarianceTuning()

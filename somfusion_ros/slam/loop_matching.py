@@ -45,15 +45,15 @@ class LoopMatchingTuning:
         (4.0, 0.6), 'm, rad', 'the widest search', 'shared logs')
     unexpected: float = tuned(
         0.1, 'share of the score', 'lost by a pose far from the expected one',
-        'benchmarks/look_alikes.py')
+        'benchmarks/slam/look_alikes.py')
     floor: tuple[float, float, float] = tuned(
         (0.1, 0.1, 0.05), 'm, m, rad', 'added to the sigmas for that', 'not measured')
     unique: float = tuned(
         0.92, 'share of the score', 'no rival may reach it from afar',
-        'benchmarks/look_alikes.py')
+        'benchmarks/slam/look_alikes.py')
     clear: float = tuned(
         0.02, 'share of points', 'by which agreement must be better than at any other place',
-        'benchmarks/look_alikes.py')
+        'benchmarks/slam/look_alikes.py')
     on_surface: float = tuned(
         0.12, 'm', 'a point this near lies on the old surface', 'not measured')
     conflict: float = tuned(

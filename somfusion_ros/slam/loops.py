@@ -40,12 +40,12 @@ class LoopTuning:
     sure: tuple[float, float] = tuned(
         (0.25, 0.06), 'm, rad',
         'sigma up to which a match that passes the gate is believed at once',
-        'benchmarks/look_alikes.py')
+        'benchmarks/slam/look_alikes.py')
     partners: int = tuned(
-        2, 'loops', 'must agree with one found from afar', 'benchmarks/look_alikes.py')
+        2, 'loops', 'must agree with one found from afar', 'benchmarks/slam/look_alikes.py')
     partners_near: int = tuned(
         1, 'loop', 'must agree with one that the filter is surer of than it should be',
-        'benchmarks/look_alikes.py')
+        'benchmarks/slam/look_alikes.py')
     agree: tuple[float, float] = tuned(
         (0.25, 0.05), 'm, rad', 'between two agreeing loops, plus what the odometry drifts',
         'shared logs')
@@ -55,7 +55,7 @@ class LoopTuning:
     recent: int = tuned(
         60, 'views', 'within which loops are compared', 'not measured')
     spanned: float = tuned(
-        3.0, 'sigmas', 'of travel that agreeing loops span', 'benchmarks/look_alikes.py')
+        3.0, 'sigmas', 'of travel that agreeing loops span', 'benchmarks/slam/look_alikes.py')
     chi2: float = tuned(
         16.3, 'squared sigmas', '99.9 % of chi-square with 3 degrees of freedom', 'by design')
     place: float = tuned(

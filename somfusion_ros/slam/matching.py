@@ -37,18 +37,18 @@ class MatchingTuning:
     range_sigma: float = tuned(
         0.02, 'm', 'of one matched point, for the hold on the seed', 'not measured')
     least_sigma: float = tuned(
-        0.005, 'm', 'of one matched point, however smooth the scan', 'benchmarks/trials.py')
+        0.005, 'm', 'of one matched point, however smooth the scan', 'benchmarks/slam/covariance.py')
     oversampling: float = tuned(
-        5.0, 'points', 'neighbours that share their error', 'benchmarks/trials.py')
+        5.0, 'points', 'neighbours that share their error', 'benchmarks/slam/covariance.py')
     correlated: float = tuned(
-        0.2, 'm', 'of surface along which they do', 'benchmarks/trials.py')
+        0.2, 'm', 'of surface along which they do', 'benchmarks/slam/covariance.py')
     normal_sigma: float = tuned(
-        0.10, 'rad', 'of an estimated normal', 'benchmarks/trials.py')
+        0.10, 'rad', 'of an estimated normal', 'benchmarks/slam/covariance.py')
     floor: tuple[float, float, float] = tuned(
         (0.001, 0.001, 0.0005), 'm, m, rad', 'sigmas of any match', 'not measured')
     quality: int = tuned(
         4, 'power', 'of the inlier ratio by which a match that fits in part is doubted',
-        'benchmarks/trials.py')
+        'benchmarks/slam/covariance.py')
 
 
 TUNING = MatchingTuning()

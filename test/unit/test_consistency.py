@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Short forms of the studies in benchmarks, systematic errors, and determinism."""
 
-import importlib.util
 from pathlib import Path
-from types import ModuleType
 
-from helpers import ROOT, write_fake_bag
+from benchmarks.slam.covariance import consistency
+from benchmarks.slam.look_alikes import look_alike_trial
+from helpers import write_fake_bag
 import numpy as np
 import pytest
 from somfusion_ros.io.bags.log import open_log
@@ -19,21 +19,13 @@ from somfusion_ros.simulation.trial import run_trial, SICK, simulate_trial
 pytestmark = pytest.mark.slow
 
 
-def study(name: str) -> ModuleType:
-    """Load a study, which is no part of the package."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / 'benchmarks' / f'{name}.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_the_covariance_is_neither_too_small_nor_too_large() -> None:
     """
     Three drives at five moments: 45 degrees of freedom, if the moments were independent.
 
     The band of 0.5 to 6 about the expected 3 is wide; the study of 50 drives narrows it down.
     """
-    mean = np.mean([nees for _, nees, _ in study('trials').consistency(range(6, 15, 4))])
+    mean = np.mean([nees for _, nees, _ in consistency(range(6, 15, 4))])
     assert 0.5 < mean < 6.0
 
 
@@ -44,7 +36,7 @@ def test_places_that_look_alike_are_not_joined(number: int, farthest: float) -> 
 
     The last is a loop of 100 m that closes among equal alcoves: after the drive it is closed.
     """
-    _, found, outcome = study('look_alikes').look_alike_trial(number)
+    _, found, outcome = look_alike_trial(number)
     assert outcome.distance.max() < farthest
     assert found['believed false'] == 0
     assert found['believed true'] > 0
@@ -52,7 +44,7 @@ def test_places_that_look_alike_are_not_joined(number: int, farthest: float) -> 
 
 def test_equal_niches_are_not_joined() -> None:
     """Round a corridor nothing but equal niches tells the place: better lost than wrong."""
-    _, found, _ = study('look_alikes').look_alike_trial(3)
+    _, found, _ = look_alike_trial(3)
     assert found['found false'] > 0
     assert found['believed false'] == 0
 

@@ -70,7 +70,7 @@ def test_descriptions_and_licences_agree() -> None:
 def test_every_module_lies_in_a_package() -> None:
     """find_packages passes over a folder without __init__.py, and with it all inside."""
     from setuptools import find_packages
-    packages = find_packages(str(ROOT), exclude=['test', 'benchmarks'])
+    packages = find_packages(str(ROOT), include=['somfusion_ros', 'somfusion_ros.*'])
     found = {p.replace('.', os.sep) for p in packages}
     assert not {p for p in found if not p.startswith('somfusion_ros')}
     modules = (ROOT / 'somfusion_ros').rglob('*.py')

@@ -3,7 +3,7 @@
 """
 Measure whether clusters alone tell which maps are worth sending.
 
-usage: python benchmarks/screening.py [FOLDER]       (default: the shared pairs)
+usage: python -m benchmarks.team.screening [FOLDER]       (default: the shared pairs)
 
 For every pair of maps, both robots screen the other's clusters, as they come over the wire, and
 the whole maps are matched. Prints how many pairs that the verdict accepts would have been missed,
@@ -11,25 +11,20 @@ and how many others would have been sent for nothing. Asserts nothing.
 """
 
 import csv
-import os
 from pathlib import Path
 import sys
 import time
 
-for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(name, '1')
-
-from builtin_interfaces.msg import Time  # noqa: E402, I100
-import numpy as np  # noqa: E402
-from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.grid import Grid  # noqa: E402
-from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
-from somfusion_ros.ros.common.conversions import cluster_cloud  # noqa: E402
-from somfusion_ros.ros.fusion.team_messages import clusters_from_message  # noqa: E402
-from somfusion_ros.team.screening import outline, screen  # noqa: E402
-
-SHARED = Path(os.environ.get('SOMFUSION_DATA', Path(__file__).resolve().parents[2] / 'shared'))
+from benchmarks.data.folders import data_folder
+from builtin_interfaces.msg import Time
+import numpy as np
+from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.grid import Grid
+from somfusion_ros.io.cluster_rows import cluster_rows
+from somfusion_ros.ros.common.conversions import cluster_cloud
+from somfusion_ros.ros.fusion.team_messages import clusters_from_message
+from somfusion_ros.team.screening import outline, screen
 
 
 def grids(path: Path) -> tuple[Grid, Grid]:
@@ -42,7 +37,7 @@ def grids(path: Path) -> tuple[Grid, Grid]:
 
 def main() -> None:
     """Print the table."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED / 'data' / 'pairs'
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else data_folder() / 'pairs'
     counts, missed, sizes, seconds = np.zeros((2, 2), int), [], [], []
     with (folder / 'manifest.csv').open() as file:
         names = [row['name'] for row in csv.DictReader(file)]

@@ -3,7 +3,7 @@
 """
 Measure how one robot's share of the work grows with its team: the fusion core alone, no ROS.
 
-usage: python benchmarks/team_growth.py [ROBOTS ...]     (default: 5 10 20 35 50)
+usage: python -m benchmarks.team.growth [ROBOTS ...]     (default: 5 10 20 35 50)
 
 The robots map a building of furnished rooms, each robot two of them, so that it shares a room
 with the one before and the one behind. The robot in the middle hears the clusters of all others,
@@ -14,27 +14,21 @@ Prints one row per team and fitted exponents, asserts nothing.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-import os
-from pathlib import Path
 import sys
 import time
 import tracemalloc
 
-for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(name, '1')
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'support'))
-
-from helpers import fake_grid, furnished_room  # noqa: E402, I100
-import numpy as np  # noqa: E402
-from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.geometry import between, Pose  # noqa: E402
-from somfusion_ros.team.constraint import MapConstraint  # noqa: E402
-from somfusion_ros.team.global_map import merge_grids  # noqa: E402
-from somfusion_ros.team.map_codec import MapEncoder  # noqa: E402
-from somfusion_ros.team.members import Team  # noqa: E402
-from somfusion_ros.team.screening import outline, screen  # noqa: E402
-from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
+from helpers import fake_grid, furnished_room
+import numpy as np
+from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.geometry import between, Pose
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.global_map import merge_grids
+from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.members import Team
+from somfusion_ros.team.screening import outline, screen
+from somfusion_ros.team.shared_map import SharedMap
 
 ROOM, SIDE = 11.0, 7   # [m] between two rooms, rooms in a row of the building
 WRONG = 0.05           # share of the accepted pairs that are wrong

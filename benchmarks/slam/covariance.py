@@ -3,7 +3,8 @@
 """
 Study, by the dozen of simulated drives, whether the covariance is honest.
 
-usage: python benchmarks/trials.py [RUNS [FIRST]]      (default: 50 0; about 5 minutes of a core)
+usage: python -m benchmarks.slam.covariance [RUNS [FIRST]]
+       (default: 50 0; about 5 minutes of a core)
 
 Prints the mean normalised estimation error squared of the current pose over the runs, at several
 moments of a drive, with the band in which it lies in 95 % of all studies if the covariance is

@@ -3,7 +3,7 @@
 """
 Measure how one robot's SLAM grows: with the number of views, and with the size of the map.
 
-usage: python benchmarks/slam_growth.py
+usage: python -m benchmarks.slam.growth
 
 Prints the time of a new view and of a loop update against the number of views, with the fitted
 exponent; and, for a drive of 760 m around a block whose map has 4000 x 4000 cells, the longest
@@ -11,23 +11,19 @@ step of the scan path while another thread closes loops and draws that map over 
 Asserts nothing.
 """
 
-import os
 from threading import Event, Thread
 import time
 
-for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(name, '1')
-
-import numpy as np  # noqa: E402, I100
-from somfusion_ros.geometry import Array, between  # noqa: E402
-from somfusion_ros.simulation import drive  # noqa: E402
-from somfusion_ros.simulation.floor_plan import box, polygon  # noqa: E402
-from somfusion_ros.simulation.laser import Scene  # noqa: E402
-from somfusion_ros.simulation.trial import SICK, simulate_trial, Trial  # noqa: E402
-from somfusion_ros.slam.constraint import Constraint  # noqa: E402
-from somfusion_ros.slam.ekf import DelayedStateEkf  # noqa: E402
-from somfusion_ros.slam.motion import OdometryBuffer  # noqa: E402
-from somfusion_ros.slam.slam import Slam  # noqa: E402
+import numpy as np
+from somfusion_ros.geometry import Array, between
+from somfusion_ros.simulation import drive
+from somfusion_ros.simulation.floor_plan import box, polygon
+from somfusion_ros.simulation.laser import Scene
+from somfusion_ros.simulation.trial import SICK, simulate_trial, Trial
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.ekf import DelayedStateEkf
+from somfusion_ros.slam.motion import OdometryBuffer
+from somfusion_ros.slam.slam import Slam
 
 SIDE, WIDTH = 190.0, 6.0   # [m] of the square that is driven, and of its street
 

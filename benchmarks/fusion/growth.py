@@ -3,7 +3,7 @@
 """
 Measure how time and memory of a match grow with the size of the maps and the number of robots.
 
-usage: fusion_growth.py [--sides N ...] [--robots N ...]
+usage: python -m benchmarks.fusion.growth [--sides N ...] [--robots N ...]
 
 Draws a campus of buildings, hands two robots two thirds of it each, one map turned, and matches
 them in a process of its own. Then draws one building for a team whose robots saw a window each,
@@ -13,7 +13,6 @@ SciPy and OpenCV, which need the amount of the first row's maps alone. Asserts n
 
 import argparse
 from itertools import combinations
-import os
 from pathlib import Path
 import resource
 import subprocess
@@ -21,16 +20,12 @@ import sys
 from tempfile import TemporaryDirectory
 import time
 
-for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(variable, '1')
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402
-from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.grid import Grid  # noqa: E402
-import worlds  # noqa: E402
+from benchmarks.data import worlds
+import cv2
+import numpy as np
+from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.grid import Grid
 
 
 def campus(rng: np.random.Generator, side: int) -> Grid:
@@ -76,8 +71,9 @@ def by_size(sides: list[int]) -> None:
         with TemporaryDirectory() as folder:
             file = Path(folder) / 'pair.npz'
             np.savez(file, **dict(zip(('left', 'right'), two_maps(side), strict=True)))
-            row = subprocess.run([sys.executable, __file__, '--match', str(file)], check=True,
-                                 capture_output=True, text=True).stdout
+            row = subprocess.run(
+                [sys.executable, '-m', 'benchmarks.fusion.growth', '--match', str(file)],
+                check=True, capture_output=True, text=True).stdout
         print(f'{side:5d}^2 {row.rstrip()}', flush=True)
 
 

@@ -3,7 +3,8 @@
 """
 Study simulated drives among places that look alike: which loops are believed.
 
-usage: python benchmarks/look_alikes.py [RUNS [FIRST]]      (default: 200 0; 20 minutes of a core)
+usage: python -m benchmarks.slam.look_alikes [RUNS [FIRST]]
+       (default: 200 0; about 20 minutes of a core)
 
 Five kinds of world take turns: rooms of one size that are furnished nearly alike; the same
 unfurnished, so that any two rooms match; a building that is the same turned by 180 degrees; a

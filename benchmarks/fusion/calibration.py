@@ -3,8 +3,8 @@
 """
 Who is accepted, at which probability, and how well calibrated that probability is.
 
-usage: calibration.py PAIRS_DIR [--replays DIR ...] [--share S] [--kinds NAME ...]
-                      [--keep FILE] [--fit]
+usage: python -m benchmarks.fusion.calibration PAIRS_DIR [--replays DIR ...] [--share S]
+       [--kinds NAME ...] [--keep FILE] [--fit]
 
 Judges true pairs of maps and pairs of different places of every kind that cases.py makes of the
 pairs, of maps that `somfusion replay` wrote, and of drawn maps. Prints, per kind, how many are
@@ -17,28 +17,23 @@ import argparse
 from collections import defaultdict
 from dataclasses import dataclass
 from itertools import pairwise
-import os
 from pathlib import Path
 import pickle
 import sys
 
-for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(variable, '1')
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-import cases  # noqa: E402
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402
-from real_maps import RealMaps  # noqa: E402
-from scipy.optimize import minimize  # noqa: E402
-from somfusion_ros.fusion import verdict as verdicts  # noqa: E402
-from somfusion_ros.fusion.alignment import ALIGNMENT  # noqa: E402
-from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
-from somfusion_ros.fusion.learning import learn  # noqa: E402
-from somfusion_ros.fusion.search import search  # noqa: E402
-from somfusion_ros.fusion.stopwatch import Stopwatch  # noqa: E402
-from somfusion_ros.fusion.verification import verify  # noqa: E402
-from somfusion_ros.geometry import Array, inverse  # noqa: E402
+from benchmarks.data.real_maps import RealMaps
+from benchmarks.fusion import cases
+import cv2
+import numpy as np
+from scipy.optimize import minimize
+from somfusion_ros.fusion import verdict as verdicts
+from somfusion_ros.fusion.alignment import ALIGNMENT
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.fusion.learning import learn
+from somfusion_ros.fusion.search import search
+from somfusion_ros.fusion.stopwatch import Stopwatch
+from somfusion_ros.fusion.verification import verify
+from somfusion_ros.geometry import Array, inverse
 
 TESTS = (verdicts.AGREEMENT, verdicts.DISTINCTION, verdicts.PLACES)
 NAMES = [name for test in TESTS for name in test]

@@ -3,7 +3,7 @@
 """
 Measure map fusion on pairs of real maps: what each stage brings, and other methods beside it.
 
-usage: fusion.py PAIRS_DIR [--every N] [--rows NAME ...]
+usage: python -m benchmarks.fusion.stages PAIRS_DIR [--every N] [--rows NAME ...]
 
 PAIRS_DIR holds manifest.csv and one npz per pair (target, source, resolution, origins). Prints a
 table: `right` is the share of true pairs whose best pose is within 0.5 m and 5 deg (strict 0.1 m
@@ -15,27 +15,21 @@ import argparse
 from collections.abc import Callable
 import csv
 from dataclasses import dataclass
-import os
 from pathlib import Path
-import sys
 import time
 
-for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(variable, '1')
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-import baselines  # noqa: E402
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402
-from somfusion_ros.fusion import measures, orientation, rasters, translation, voting  # noqa: E402
-from somfusion_ros.fusion.alignment import align  # noqa: E402
-from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
-from somfusion_ros.fusion.learned_map import LearnedMap  # noqa: E402
-from somfusion_ros.fusion.learning import learn, LEARNING  # noqa: E402
-from somfusion_ros.fusion.search import search  # noqa: E402
-from somfusion_ros.fusion.stopwatch import Stopwatch  # noqa: E402
-from somfusion_ros.geometry import compose, Pose, rotation, wrap  # noqa: E402
-from somfusion_ros.grid import Grid  # noqa: E402
+from benchmarks.fusion import baselines
+import cv2
+import numpy as np
+from somfusion_ros.fusion import measures, orientation, rasters, translation, voting
+from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.learning import learn, LEARNING
+from somfusion_ros.fusion.search import search
+from somfusion_ros.fusion.stopwatch import Stopwatch
+from somfusion_ros.geometry import compose, Pose, rotation, wrap
+from somfusion_ros.grid import Grid
 
 Found = tuple[np.ndarray | None, bool]
 PUBLISHED_V = 0.9

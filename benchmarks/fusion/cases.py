@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from zlib import crc32
 
+from benchmarks.data import worlds
+from benchmarks.data.real_maps import RealMaps
 import numpy as np
-from real_maps import RealMaps
 from somfusion_ros.geometry import apply, Array
 from somfusion_ros.grid import Grid
-import worlds
 
 Random = np.random.Generator
 NEAR = (0.5, np.radians(5.0))     # right within these [m, rad]

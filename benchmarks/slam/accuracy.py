@@ -3,8 +3,8 @@
 """
 Measure one robot's SLAM, and its peers, on recorded logs: accuracy, time and memory.
 
-usage: python benchmarks/slam.py [LOG ...]        folders with bag/ (default: one of each kind of
-                                                  the shared logs)
+usage: python -m benchmarks.slam.accuracy [LOG ...]
+       LOG: a folder with bag/ (default: one of each kind in the data folder, see DATASETS.md)
 
 Prints one row per log and system: scans looked at; relations mean and median and ate [m] where
 the log has such references; milliseconds of CPU per scan looked at on the scan path, and per scan
@@ -19,18 +19,14 @@ import resource
 import sys
 import time
 
-for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(name, '1')
+from benchmarks.data.folders import data_folder
+from benchmarks.scores.trajectories import score
+from benchmarks.slam.peers import missing, SYSTEMS
+import numpy as np
+from somfusion_ros.io.bags.log import open_log
+from somfusion_ros.offline.robot_run import dense, MOST_WAITING, paired, PATIENCE
+from somfusion_ros.slam.pairing import Pairing
 
-import numpy as np  # noqa: E402, I100
-from peers import missing, SYSTEMS  # noqa: E402
-from scores import score  # noqa: E402
-from somfusion_ros.io.bags.log import open_log  # noqa: E402
-from somfusion_ros.offline.robot_run import dense, MOST_WAITING, paired, PATIENCE  # noqa: E402
-from somfusion_ros.slam.pairing import Pairing  # noqa: E402
-
-SHARED = Path(os.environ.get('SOMFUSION_DATA', Path(__file__).resolve().parents[2]
-                             / 'shared' / 'data'))
 KINDS = ('intel', 'mit-csail', 'belgioioso', 'mines_exp1', 'wean_run1')
 SCORES = ('relations mean', 'median', 'ate')
 
@@ -65,7 +61,7 @@ def main() -> None:
         folder, name = Path(sys.argv[2]), sys.argv[3]
         print(f'{folder.name:11} {name:24}', measure(folder, name), flush=True)
         return
-    logs = sys.argv[1:] or [str(SHARED / 'logs' / kind) for kind in KINDS]
+    logs = sys.argv[1:] or [str(data_folder() / 'logs' / kind) for kind in KINDS]
     absent = {name: missing(name) for name in SYSTEMS}
     for name, why in absent.items():
         if why:
@@ -75,7 +71,7 @@ def main() -> None:
     for log in logs:
         for name in (name for name, why in absent.items() if not why):
             os.spawnv(os.P_WAIT, sys.executable,
-                      [sys.executable, __file__, '--one', log, name])
+                      [sys.executable, '-m', 'benchmarks.slam.accuracy', '--one', log, name])
 
 
 if __name__ == '__main__':

@@ -3,9 +3,10 @@
 """
 Measure a team of robots: bytes on the wire, CPU, latency, and a long life with faults.
 
-usage: python benchmarks/team.py wire [ROBOTS ...]     real nodes, a network each (default: 2 4 8)
-       python benchmarks/team.py soak [MINUTES]        4 robots and random faults (default: 30,
-                                                       of simulated time, at 3 times real time)
+usage: python -m benchmarks.team.network wire [ROBOTS ...]
+       real nodes, each in a network of its own (default: 2 4 8)
+       python -m benchmarks.team.network soak [MINUTES]
+       four robots and random faults (default: 30, of simulated time, at 3 times real time)
 
 Both need root for network namespaces. Every robot maps a part of the same building,
 and publishes its map every 5 s, as slam_toolbox and slam_node do; all rates are the defaults.
@@ -20,14 +21,10 @@ import sys
 import tempfile
 import time
 
-for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(name, '1')
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'support'))
-
-from helpers import ROOT, ros_environment  # noqa: E402, I100
-from network import Network, on_network, partition  # noqa: E402
-import numpy as np  # noqa: E402
-from team_lab import Lab, map_of  # noqa: E402
+from helpers import ROOT, ros_environment
+from network import Network, on_network, partition
+import numpy as np
+from team_lab import Lab, map_of
 
 PERIOD = 5.0        # [s] between two maps of a robot
 MINUTE = 60.0       # [s] that is measured
