@@ -32,13 +32,13 @@ class ScreeningTuning:
 
     margin: float = tuned(
         1.25, '', 'a match is likely if the best pose is so many times better than the next',
-        'benchmarks/screening.py on the shared pairs')
+        'benchmarks/team/screening.py on the shared pairs')
     ratio: float = tuned(
         0.85, '', 'or if this share of the walls that can be judged agrees',
-        'benchmarks/screening.py on the shared pairs')
+        'benchmarks/team/screening.py on the shared pairs')
     least: float = tuned(
         6.0, 'm', 'and in any case this length of wall',
-        'benchmarks/screening.py on the shared pairs')
+        'benchmarks/team/screening.py on the shared pairs')
 
 
 TUNING = ScreeningTuning()
