@@ -29,7 +29,8 @@ class LearningSettings:
         160, 'clusters', 'stand for a map where every hypothesis is looked at; 80 lose pairs of '
         'little overlap', 'benchmarks/fusion/stages.py')
     radon: int = tuned(
-        300, 'clusters', 'the Radon image is made of; more change no peak', 'benchmarks/fusion/stages.py')
+        300, 'clusters', 'the Radon image is made of; more change no peak',
+        'benchmarks/fusion/stages.py')
     cell: float = tuned(
         0.1, 'm', "edge of the zones' cells: two cells of most maps", 'by design')
     fine_cell: float = tuned(
@@ -40,7 +41,8 @@ class LearningSettings:
     probes: int = tuned(
         1000, 'cells', 'stand for all wall cells in the verdict', 'benchmarks/fusion/stages.py')
     free_places: int = tuned(
-        2000, 'places', 'stand for all free cells in V and the overlap', 'benchmarks/fusion/stages.py')
+        2000, 'places', 'stand for all free cells in V and the overlap',
+        'benchmarks/fusion/stages.py')
 
 
 LEARNING = LearningSettings()

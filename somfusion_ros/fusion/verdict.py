@@ -9,7 +9,8 @@ wall speaks against it, and along the direction with the least evidence; and eno
 places fix it along that direction, which two parallel walls do not, in an overlap that is no thin
 strip, where walls coincide by chance. Each test is linear in measures that can only speak for a
 hypothesis when they grow. The weights were learned from true and false hypotheses of real, cut,
-bent, worn and mirrored maps, drawn corridors, offices and buildings (benchmarks/fusion/calibration.py).
+bent, worn and mirrored maps, drawn corridors, offices and buildings
+(benchmarks/fusion/calibration.py).
 """
 
 from collections.abc import Mapping

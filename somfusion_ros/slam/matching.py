@@ -37,7 +37,8 @@ class MatchingTuning:
     range_sigma: float = tuned(
         0.02, 'm', 'of one matched point, for the hold on the seed', 'not measured')
     least_sigma: float = tuned(
-        0.005, 'm', 'of one matched point, however smooth the scan', 'benchmarks/slam/covariance.py')
+        0.005, 'm', 'of one matched point, however smooth the scan',
+        'benchmarks/slam/covariance.py')
     oversampling: float = tuned(
         5.0, 'points', 'neighbours that share their error', 'benchmarks/slam/covariance.py')
     correlated: float = tuned(

@@ -6,7 +6,8 @@ Is a match likely? Asked of a peer's clusters alone, before its whole map goes o
 The search is that of a match, with the robot's own whole map as the target. A pose counts by the
 peer's walls that it lays on own walls, and against it count those that it lays on space known to
 be free; what the peer saw free is not known yet, so the answer is no verdict. Chosen to miss no
-pair that the verdict accepts; where it errs, a map is sent for nothing (benchmarks/team/screening.py).
+pair that the verdict accepts; where it errs, a map is sent for nothing
+(benchmarks/team/screening.py).
 """
 
 from dataclasses import dataclass
