@@ -9,6 +9,7 @@ import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.mapping import MapScan
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import TrackerState
@@ -22,7 +23,7 @@ class ViewGraph:
     The filter over n views, with the views' clouds, the centres (2,) of these, and their stamps
     [s]; the constraints in the order in which the filter took them; the scans kept for the map;
     the track: stamp [s], view, T_view_base (3,) of every scan used; the views whose loops are
-    still to be closed.
+    still to be closed; which map it is.
     """
 
     ekf: DelayedStateEkf = field(default_factory=DelayedStateEkf)
@@ -33,6 +34,7 @@ class ViewGraph:
     scans: list[MapScan] = field(default_factory=list)
     track: list[tuple[float, int, Array]] = field(default_factory=list)
     to_close: deque[int] = field(default_factory=deque)
+    epoch: Epoch = Epoch()
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,8 @@ class Checkpoint:
         """Copy what is appended to; records and clouds themselves never change."""
         g = graph
         copied = ViewGraph(DelayedStateEkf(), list(g.clouds), list(g.centres), list(g.stamps),
-                           list(g.constraints), list(g.scans), list(g.track), deque(g.to_close))
+                           list(g.constraints), list(g.scans), list(g.track), deque(g.to_close),
+                           g.epoch)
         return cls(copied, g.ekf.poses.copy(), tracker)
 
     def resumed(self) -> ViewGraph:

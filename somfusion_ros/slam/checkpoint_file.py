@@ -19,13 +19,14 @@ import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.checkpoint import Checkpoint, ViewGraph
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.loops import centre
 from somfusion_ros.slam.mapping import MapScan
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import TrackerState
 
-VERSION = 4
+VERSION = 5
 PARTS = {'surface': ('points', 'normals'), 'beams': ('ends', 'reach', 'hit')}   # of a cloud
 TRACKER = 'tracker_'
 DAMAGED = (BadZipFile, zlib.error, EOFError, KeyError, ValueError, IndexError, TypeError)
@@ -49,6 +50,7 @@ def save_checkpoint(path: str | Path, checkpoint: Checkpoint) -> None:
         'scan_clouds': np.array([place[id(s.cloud)] for s in graph.scans], int),
         'track': np.array([(t, view, *pose) for t, view, pose in graph.track]).reshape(-1, 5),
         'to_close': np.array(graph.to_close, int),
+        'epoch': np.frombuffer(str(graph.epoch).encode(), np.uint8),
         'origins': np.array([c.outline.origin for c in clouds.values()]).reshape(-1, 2),
         **_packed(list(clouds.values())),
         **{f'{TRACKER}{name}': value for name, value in checkpoint.tracker.arrays().items()}}
@@ -97,10 +99,16 @@ def _checkpoint(a: dict[str, Any]) -> Checkpoint:
         scans=[MapScan(int(view), pose, clouds[cloud]) for view, pose, cloud in
                zip(a['scan_views'], a['scan_poses'], a['scan_clouds'], strict=True)],
         track=[(float(row[0]), int(row[1]), row[2:]) for row in a['track']],
-        to_close=deque(a['to_close'].tolist()))
+        to_close=deque(a['to_close'].tolist()),
+        epoch=_epoch(a['epoch'].tobytes()))
     tracker = TrackerState.from_arrays({name.removeprefix(TRACKER): value for name, value
                                         in a.items() if name.startswith(TRACKER)})
     return Checkpoint(graph, a['poses'], tracker)
+
+
+def _epoch(text: bytes) -> Epoch:
+    """Read which map it is; one that was made offline has no start."""
+    return Epoch() if text == str(Epoch()).encode() else Epoch.parse(text.decode())
 
 
 def _packed(clouds: Sequence[Cloud]) -> dict[str, Array]:

@@ -18,6 +18,7 @@ from somfusion_ros.geometry import Array
 from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.pairing import continued, Paired, Pairing
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.scan_queue import MAX_WAITING
@@ -39,16 +40,19 @@ class Session:
     checkpoint : of an earlier run, to go on from
     background : loops are closed by another thread, see `Slam`
     capacity : scans that may wait at once
+    start : name of this start, of which no other robot and no other start has the same
 
     """
 
     def __init__(self, config: SlamConfig, timeout: float, count: Callable[..., None],
                  checkpoint: Checkpoint | None = None, background: bool = True,
-                 capacity: int = MAX_WAITING) -> None:
+                 capacity: int = MAX_WAITING, start: str = '') -> None:
         self._config, self._timeout, self._count = config, timeout, count
         self._background, self._capacity = background, capacity
         self._lock = RLock()
+        self._start, self._maps_begun = start, 0
         self.bodies = Bodies()    # of other robots, which are left out of the scans
+        self.slam: Slam
         self._shift: float
         self._last_stamp: float
         self._resumed: bool
@@ -121,7 +125,8 @@ class Session:
 
     def _resume(self, checkpoint: Checkpoint) -> None:
         """Go on from a checkpoint of an earlier run."""
-        self.slam = Slam(self._config, background=self._background, checkpoint=checkpoint)
+        self.slam = Slam(self._config, background=self._background, checkpoint=checkpoint,
+                         epoch=self.slam.epoch)
         self._last_stamp, odometry = self.slam.last_stamp, checkpoint.tracker.odometry
         self._last_pose = None if odometry is None else odometry.pose
         self._resumed = True
@@ -140,6 +145,8 @@ class Session:
 
     def _new_map(self) -> None:
         """Make a SLAM without a map."""
-        self.slam = Slam(self._config, background=self._background)
+        epoch = Epoch(self._start, self._maps_begun)
+        self._maps_begun += 1
+        self.slam = Slam(self._config, background=self._background, epoch=epoch)
         self._shift, self._last_stamp = 0.0, -np.inf
         self._resumed = False

@@ -11,6 +11,7 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import cloud, Scan
@@ -30,7 +31,7 @@ class Slam:
     """
 
     def __init__(self, config: SlamConfig | None = None, background: bool = False,
-                 checkpoint: Checkpoint | None = None) -> None:
+                 checkpoint: Checkpoint | None = None, epoch: Epoch = Epoch()) -> None:
         self.config = config or SlamConfig()
         self.counters: Counter[str] = Counter()
         self._background = background
@@ -39,6 +40,8 @@ class Slam:
         self._mapper = Mapper(self.config.resolution)
         if checkpoint is not None:
             self._map.resume(checkpoint)
+        if not self._map.graph.epoch.start:   # the map is new, or was made offline
+            self._map.graph.epoch = epoch
 
     def configure(self, config: SlamConfig) -> None:
         """Change the parameters; at another resolution the map is drawn anew."""
@@ -87,6 +90,11 @@ class Slam:
     def checkpoint(self) -> Checkpoint:
         """Return what a later run can go on from."""
         return self._map.checkpoint()
+
+    @property
+    def epoch(self) -> Epoch:
+        """Which map it is: a checkpoint's, or the one that was begun."""
+        return self._map.graph.epoch
 
     @property
     def last_stamp(self) -> float:

@@ -16,7 +16,7 @@ import pytest
 from somfusion_ros.geometry import between, compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.config import SlamConfig
-from somfusion_ros.team.pair_history import missing_walls
+from somfusion_ros.team.map_change import missing_walls
 
 need_ros()
 

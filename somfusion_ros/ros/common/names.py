@@ -11,6 +11,7 @@ below another robot's name are found as `/<robot>/<name>`.
 SCAN, ODOMETRY, JOINT_STATES = 'scan', 'odom', 'joint_states'
 MAP, MAP_METADATA, ROBOT_POSE, PATH = 'map', 'map_metadata', 'pose', 'path'
 MAP_GRADED, DYNAMIC_MAP = 'map_graded', 'dynamic_map'
+MAP_EPOCH = 'map_epoch'    # which map it is that the other topics speak of
 
 # The team, for those who use its results.
 RELATIVE_TRANSFORMS, PEER_POSES, PEER_BODIES = 'relative_transforms', 'peer_poses', 'peer_bodies'

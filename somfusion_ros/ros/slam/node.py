@@ -9,6 +9,7 @@ The callbacks only convert and hand on; the work is done by the threads of `pipe
 from collections.abc import Callable
 import time
 from typing import Any
+from uuid import uuid4
 
 from nav_msgs.srv import GetMap
 from sensor_msgs.msg import LaserScan
@@ -98,7 +99,8 @@ class SlamNode(ManagedNode):
 
     def _session_from(self, state: Any) -> Session:
         """Begin a session, from a state if there is one."""
-        return Session(self._slam_config, self._config.transform_timeout, self._count, state)
+        return Session(self._slam_config, self._config.transform_timeout, self._count, state,
+                       start=uuid4().hex[:12])
 
     def _on_scan(self, message: LaserScan) -> None:
         """Hand on a scan, and where other robots are."""

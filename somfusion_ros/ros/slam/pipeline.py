@@ -120,6 +120,7 @@ class Pipeline:
     def _begin(self, state: Any) -> None:
         """Begin a new map, or go on from a state, whose map is shown before the first scan."""
         self.session = self._make_session(state)
+        self._publisher.epoch(self.session.slam.epoch)
         self._last.step = self._last.stamp = None
         if state is not None:
             self._last.stamp = time_message(self.session.slam.last_stamp)
@@ -135,6 +136,7 @@ class Pipeline:
         stamp, step = found
         self._last.scan_seconds = time.perf_counter() - start
         self._last.scans += 1
+        self._publisher.epoch(self.session.slam.epoch)   # a jump of time may have begun a map
         if step.accepted:
             self._last.stamp, self._last.step = stamp, step
             self._publisher.pose(step, stamp)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Everything a slam_node publishes, in the frames of its parameters."""
 
+import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -13,9 +14,12 @@ from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.diagnostics import diagnostic_array
+from somfusion_ros.ros.common.map_epoch import MapEpoch
 from somfusion_ros.ros.common.tf import Broadcaster
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.step import Step
+from std_msgs.msg import String
 
 
 class SlamPublisher:
@@ -33,6 +37,8 @@ class SlamPublisher:
                                            qos.STREAM)
         self._path = node.create_publisher(Path, names.PATH, qos.LATEST)
         self._diagnostics = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STREAM)
+        self._epoch_topic = node.create_publisher(String, names.MAP_EPOCH, qos.LATCHED)
+        self._epoch: MapEpoch | None = None
         self.sends_transforms = (config.transform_publish_period > 0
                                  and self._transforms.available)
 
@@ -40,10 +46,19 @@ class SlamPublisher:
         """Publish map, metadata and path; return the map's message."""
         frame = self._config.map_frame
         message = convert.grid_message(grid, frame, stamp)
+        message.info.map_load_time = self.epoch(slam.epoch).loaded
         self._path_message = convert.path_message(*slam.views(), frame, stamp)
         self._shown = message, grid
         self.repeat_map()
         return message
+
+    def epoch(self, epoch: Epoch) -> MapEpoch:
+        """Publish which map all else speaks of, once it is another one; return the word on it."""
+        if self._epoch is None or self._epoch.epoch != epoch:
+            seconds, nanoseconds = divmod(time.time_ns(), 10 ** 9)
+            self._epoch = MapEpoch(epoch, Time(sec=seconds, nanosec=nanoseconds))
+            self._epoch_topic.publish(self._epoch.message())
+        return self._epoch
 
     def repeat_map(self) -> None:
         """Publish the newest map again, for those who came late and take no latched message."""

@@ -1,0 +1,85 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which map it is: written and read, kept across a restart, new with every new map."""
+
+from collections import Counter
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from somfusion_ros.simulation.floor_plan import office
+from somfusion_ros.simulation.laser import Laser, Scene
+from somfusion_ros.simulation.trial import SICK
+from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.session import Session
+
+STARTS = st.text('0123456789abcdefghijklmnopqrstuvwxyz', min_size=1, max_size=32)
+
+
+def session(start: str, **options: object) -> Session:
+    """Make a session that counts what is wrong."""
+    faults: Counter[str] = Counter()
+    return Session(SlamConfig(), 0.5, lambda kind, reason='': faults.update([kind]),
+                   background=False, start=start, **options)
+
+
+def drive(session: Session, laser: Laser = SICK) -> None:
+    """Let a robot stand in an office for a second."""
+    rng, scene = np.random.default_rng(0), Scene(office().segments)
+    poses = np.tile((3.0, 5.2, 0.0), (laser.beams, 1))
+    for stamp in np.arange(100.0, 101.0, 0.1):
+        session.add_odometry(stamp, np.zeros(3))
+        session.add_scan(laser.scan(stamp, scene, poses, rng), None, 0.0)
+        list(session.steps(0.0))
+
+
+@given(STARTS, st.integers(0, 10 ** 9 - 1))
+def test_an_epoch_is_read_as_it_was_written(start: str, reset: int) -> None:
+    assert Epoch.parse(str(Epoch(start, reset))) == Epoch(start, reset)
+
+
+@given(st.one_of(st.text(), st.none(), st.integers(), st.binary(), st.lists(st.text())))
+def test_anything_else_is_no_epoch(text: object) -> None:
+    try:
+        assert str(Epoch.parse(text)) == text or int(str(text).rpartition('.')[2]) >= 0
+    except ValueError as error:
+        assert len(str(error)) < 100
+
+
+@pytest.mark.parametrize('text', ['', '.0', 'a.', 'a', 'A.1', 'a.-1', 'a.1 ', 'a.1\n', 'a b.1',
+                                  '\ud800.1', f'{"a" * 33}.0', 'a.1234567890'])
+def test_no_epochs(text: str) -> None:
+    with pytest.raises(ValueError, match='epoch'):
+        Epoch.parse(text)
+
+
+def test_every_new_map_has_an_epoch_of_its_own() -> None:
+    one = session('1f')
+    seen = [one.slam.epoch]
+    for _ in range(3):
+        one.reset()
+        seen.append(one.slam.epoch)
+    assert seen == [Epoch('1f', number) for number in range(4)]
+    assert session('2e').slam.epoch not in seen
+
+
+def test_a_robot_that_goes_on_with_its_map_goes_on_with_its_epoch(tmp_path: Path) -> None:
+    first = session('1f')
+    drive(first)
+    save_checkpoint(tmp_path / 'state.npz', first.slam.checkpoint())
+    again = session('2e', checkpoint=load_checkpoint(tmp_path / 'state.npz'))
+    assert again.slam.epoch == Epoch('1f', 0)
+    again.reset()
+    assert again.slam.epoch == Epoch('2e', 1)
+
+
+def test_a_map_that_was_made_offline_begins_its_epoch_where_it_is_loaded(tmp_path: Path) -> None:
+    first = session('')
+    drive(first)
+    save_checkpoint(tmp_path / 'state.npz', first.slam.checkpoint())
+    again = session('2e', checkpoint=load_checkpoint(tmp_path / 'state.npz'))
+    assert again.slam.epoch == Epoch('2e', 0)
