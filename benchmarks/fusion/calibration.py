@@ -23,6 +23,7 @@ import sys
 
 from benchmarks.data.real_maps import RealMaps
 from benchmarks.fusion import cases
+from benchmarks.tables import Table
 import cv2
 import numpy as np
 from scipy.optimize import minimize
@@ -130,38 +131,52 @@ def left_out(samples: list[Sample]) -> Array:
     return chance
 
 
-def table(samples: list[Sample], chance: Array) -> None:
-    """Print accepted cases by kind, the curve over thresholds, and the reliability."""
+def kinds_table(samples: list[Sample], chance: Array) -> Table:
+    """Return how many of each kind are right and accepted; chance: their probabilities (N,)."""
     kinds = defaultdict(list)
     for sample, p in zip(samples, chance, strict=True):
         kinds[not sample.true, sample.kind].append((p, sample.right))
     enough = FusionConfig().estimation_confidence
-    print(f'{"kind":16} cases  best pose right  accepted right  accepted wrong  highest wrong p')
+    table = Table('kinds', ('kind of pair', 'cases', 'best pose right',
+                            f'right and accepted at {enough:.2f}', 'accepted wrong',
+                            'highest probability of a wrong one'), (None, 0, 3, 3, 0, 3))
     for (_, kind), values in sorted(kinds.items()):
         p, right = np.array([v[0] for v in values]), np.array([v[1] for v in values])
-        print(f'{kind:16} {len(p):5d} {right.mean():16.3f} {(right & (p >= enough)).mean():15.3f} '
-              f'{(~right & (p >= enough)).sum():15d} {max(p[~right], default=0.0):16.3f}')
+        table.add(kind, len(p), right.mean(), (right & (p >= enough)).mean(),
+                  int((~right & (p >= enough)).sum()), max(p[~right], default=0.0))
+    return table
+
+
+def thresholds_table(samples: list[Sample], chance: Array) -> Table:
+    """Return how many are accepted at which probability; chance: their probabilities (N,)."""
     y, true = np.array([s.right for s in samples]), np.array([s.true for s in samples])
-    print('threshold                 ' + ''.join(f'{t:8.2f}' for t in THRESHOLDS))
-    for name, mask, of in (('true pairs, right', true & y, true), ('true pairs, wrong', true & ~y,
-                           true), ('different places', ~true, ~true)):
-        print(f'{name:18} {of.sum():6d} ' + ''.join(
-            f'{(chance[mask] >= t).sum():8d}' for t in THRESHOLDS))
-    reliability(chance, y)
+    table = Table('thresholds', ('threshold', 'cases', *(f'{t:.2f}' for t in THRESHOLDS)))
+    for name, mask, of in (('true pairs, right pose', true & y, true),
+                           ('true pairs, wrong pose', true & ~y, true),
+                           ('different places', ~true, ~true)):
+        table.add(name, int(of.sum()), *(int((chance[mask] >= t).sum()) for t in THRESHOLDS))
+    return table
 
 
-def reliability(chance: Array, right: Array) -> None:
-    """Print how often a probability is right."""
-    print('probability   cases  mean p   right')
-    error = 0.0
+def reliability_table(chance: Array, right: Array) -> Table:
+    """Return how often a probability is right; the last row is the expected calibration error."""
+    table, error = Table('reliability', ('probability', 'cases', 'mean', 'right'),
+                         (None, 0, 2, 2)), 0.0
     for low in np.arange(0.0, 1.0, 0.1):
         inside = (chance >= low) & (chance < low + 0.1 if low < 0.85 else chance <= 1.0)
         if inside.any():
-            gap = chance[inside].mean() - right[inside].mean()
-            error += inside.mean() * abs(gap)
-            print(f'{low:.1f} - {low + 0.1:.1f} {inside.sum():9d} {chance[inside].mean():7.2f} '
-                  f'{right[inside].mean():7.2f}')
-    print(f'expected calibration error {error:.3f}\n')
+            error += inside.mean() * abs(chance[inside].mean() - right[inside].mean())
+            table.add(f'{low:.1f} to {low + 0.1:.1f}', int(inside.sum()), chance[inside].mean(),
+                      right[inside].mean())
+    table.add('expected error', len(chance), f'{error:.3f}', '')
+    return table
+
+
+def print_tables(samples: list[Sample], chance: Array) -> None:
+    """Print accepted cases by kind, the curve over thresholds, and the reliability."""
+    right = np.array([sample.right for sample in samples])
+    print(kinds_table(samples, chance).markdown(), thresholds_table(samples, chance).markdown(),
+          reliability_table(chance, right).markdown(), sep='\n\n', end='\n\n')
 
 
 def main() -> None:
@@ -183,14 +198,14 @@ def main() -> None:
         samples = collect(RealMaps(args.pairs, args.replays), args.share, args.kinds)
         if args.keep:
             args.keep.write_bytes(pickle.dumps(samples))
-    table(samples, np.array([sample.probability for sample in samples]))
+    print_tables(samples, np.array([sample.probability for sample in samples]))
     for sample in samples:
         if sample.probability >= FusionConfig().estimation_confidence and not sample.right:
             print(f'wrongly accepted: {sample.kind} {sample.number} at {sample.probability:.3f}, '
                   f'{sample.reason}')
     if args.fit:
         print('learned anew, each place left out in turn:')
-        table(samples, left_out(samples))
+        print_tables(samples, left_out(samples))
         for name, weight in zip(NAMES, fit(samples), strict=True):
             print(f'{name:15} {weight:8.3f}')
 

@@ -12,7 +12,9 @@ SciPy and OpenCV, which need the amount of the first row's maps alone. Asserts n
 """
 
 import argparse
+from collections.abc import Sequence
 from itertools import combinations
+import json
 from pathlib import Path
 import resource
 import subprocess
@@ -21,11 +23,17 @@ from tempfile import TemporaryDirectory
 import time
 
 from benchmarks.data import worlds
+from benchmarks.data.folders import ROOT
+from benchmarks.tables import Table
 import cv2
 import numpy as np
 from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.grid import Grid
+
+SIDES = (200, 400, 1000, 2000, 4000, 8000)   # cells along an edge
+ROBOTS = (2, 4, 8, 16)
 
 
 def campus(rng: np.random.Generator, side: int) -> Grid:
@@ -53,64 +61,69 @@ def match(file: Path) -> None:
     for copies in range(3 if max(grids[0].shape) < 3000 else 1):
         fresh = [Grid(grid.evidence, grid.resolution, (0.001 * copies, 0.0, 0.0))
                  for grid in grids]
-        start = time.process_time()
+        start, cache = time.process_time(), FusionCache()
         for grid in fresh:
-            learn(grid)
+            learn(grid, cache=cache)
         middle = time.process_time()
-        found = align(*fresh)
+        found = align(*fresh, cache=cache)
         seconds.append((middle - start, time.process_time() - start))
     first, whole = np.median(seconds, axis=0)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(f'{first * 500:10.0f} {whole * 1e3:10.0f} {peak:8.0f}   {found.reason}')
+    print(json.dumps([500.0 * first, 1e3 * whole, peak, found.reason]))
 
 
-def by_size(sides: list[int]) -> None:
-    """Print a row for each size."""
-    print('    cells   learn one map, ms   the pair, ms   MB   verdict')
+def sizes_table(sides: Sequence[int] = SIDES) -> Table:
+    """Return time and memory by the size of two maps of a campus."""
+    table = Table('sizes', ('cells of each map', 'learn one map [ms]',
+                            'the pair with learning [ms]', 'process [MB]', 'verdict'),
+                  (None, 0, 0, 0))
     for side in sides:
         with TemporaryDirectory() as folder:
             file = Path(folder) / 'pair.npz'
             np.savez(file, **dict(zip(('left', 'right'), two_maps(side), strict=True)))
             row = subprocess.run(
                 [sys.executable, '-m', 'benchmarks.fusion.growth', '--match', str(file)],
-                check=True, capture_output=True, text=True).stdout
-        print(f'{side:5d}^2 {row.rstrip()}', flush=True)
+                cwd=ROOT, check=True, capture_output=True, text=True).stdout
+        *numbers, reason = json.loads(row)
+        table.add(f'{side} x {side}', *numbers, reason.partition(':')[0])
+    return table
 
 
-def by_robots(counts: list[int]) -> None:
-    """Print the time to match all pairs of a team once."""
-    print('robots  pairs  accepted   all maps learned, ms   all pairs matched, ms   per pair')
+def robots_table(counts: Sequence[int] = ROBOTS) -> Table:
+    """Return the time to match all pairs of a team once, by its size."""
+    table = Table('robots', ('robots', 'pairs', 'accepted', 'all maps learned [ms]',
+                             'all pairs matched once [ms]'), (None, 0, 0, 0, 0))
     for count in counts:
-        rng = np.random.default_rng(count)
+        rng, cache = np.random.default_rng(count), FusionCache()
         grid = worlds.building(rng, 50.0, 40.0)
         starts = rng.uniform(0.0, 30.0, count)
         grids = [worlds.turned(worlds.worn(worlds.cut(grid, x, x + 22.0), rng), rng)
                  for x in starts]
         start = time.process_time()
         for one in grids:
-            learn(one)
+            learn(one, cache=cache)
         middle = time.process_time()
-        found = [align(*pair) for pair in combinations(grids, 2)]
+        found = [align(*pair, cache=cache) for pair in combinations(grids, 2)]
         end = time.process_time()
-        print(f'{count:6d} {len(found):6d} {sum(one.accepted for one in found):9d} '
-              f'{1e3 * (middle - start):22.0f} {1e3 * (end - middle):23.0f} '
-              f'{1e3 * (end - middle) / len(found):10.0f}', flush=True)
+        table.add(count, len(found), sum(one.accepted for one in found),
+                  1e3 * (middle - start), 1e3 * (end - middle))
+    return table
 
 
 def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--sides', type=int, nargs='*', default=[200, 400, 1000, 2000, 4000, 8000])
-    parser.add_argument('--robots', type=int, nargs='*', default=[2, 4, 8, 16])
+    parser.add_argument('--sides', type=int, nargs='*', default=SIDES)
+    parser.add_argument('--robots', type=int, nargs='*', default=ROBOTS)
     parser.add_argument('--match', type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
     cv2.setNumThreads(1)
     if args.match:
         match(args.match)
     else:
-        by_size(args.sides)
-        by_robots(args.robots)
+        print(sizes_table(args.sides).markdown(), robots_table(args.robots).markdown(),
+              sep='\n\n')
 
 
 if __name__ == '__main__':

@@ -12,23 +12,26 @@ different places, `wrong` accepted wrong poses of true pairs. One core. Asserts 
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 import time
 
 from benchmarks.fusion import baselines
+from benchmarks.scores.pairs import PairScore, score_pair, summary
+from benchmarks.tables import Table
 import cv2
 import numpy as np
 from somfusion_ros.fusion import measures, orientation, rasters, translation, voting
 from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn, LEARNING
 from somfusion_ros.fusion.search import search
 from somfusion_ros.fusion.stopwatch import Stopwatch
-from somfusion_ros.geometry import compose, Pose, rotation, wrap
+from somfusion_ros.geometry import Pose, rotation
 from somfusion_ros.grid import Grid
 
 Found = tuple[np.ndarray | None, bool]
@@ -42,7 +45,13 @@ class Pair:
     target: Grid
     source: Grid
     truth: np.ndarray | None
-    centre: np.ndarray
+    centre: np.ndarray | None
+    cache: FusionCache = field(default_factory=FusionCache)
+
+    @property
+    def learned(self) -> tuple[LearnedMap, LearnedMap]:
+        """Both maps as the clusters have them, learned once."""
+        return learn(self.target, cache=self.cache), learn(self.source, cache=self.cache)
 
 
 def load(folder: Path, row: dict[str, str]) -> Pair:
@@ -79,20 +88,20 @@ def best_by_V(target: LearnedMap, source: LearnedMap, starts: np.ndarray) -> Fou
 
 def published(pair: Pair) -> Found:
     """One orientation, one start."""
-    target, source = learn(pair.target), learn(pair.source)
+    target, source = pair.learned
     return best_by_V(target, source, from_centroids(target, source, turns_of(target, source, 1)))
 
 
 def four_fold(pair: Pair) -> Found:
     """All four companions of the best orientation."""
-    target, source = learn(pair.target), learn(pair.source)
+    target, source = pair.learned
     turns = turns_of(target, source, 1)[0] + np.arange(4) * np.pi / 2.0
     return best_by_V(target, source, from_centroids(target, source, turns))
 
 
 def voted(pair: Pair) -> np.ndarray:
     """Seeds by votes of all cluster pairs, for every orientation."""
-    target, source = learn(pair.target), learn(pair.source)
+    target, source = pair.learned
     votes = voting.VoteGrid(target.features, source.features, 0.5, 512)
     return np.concatenate([votes.seeds(turn, 20).reshape(-1, 3) for turn in
                            orientation.families(turns_of(target, source, 4))])
@@ -101,12 +110,12 @@ def voted(pair: Pair) -> np.ndarray:
 def seeded(pair: Pair) -> Found:
     """Try the five best seeds of every turn; V chooses."""
     starts = voted(pair).reshape(-1, 20, 3)[:, :5].reshape(-1, 3)
-    return best_by_V(learn(pair.target), learn(pair.source), starts)
+    return best_by_V(*pair.learned, starts)
 
 
 def rescored(pair: Pair) -> Found:
     """Settle all seeds point to line, and let matched wall against missed wall choose."""
-    target, source = learn(pair.target), learn(pair.source)
+    target, source = pair.learned
     poses, _ = translation.settle(voted(pair), source.sketch, target.features, target.nearest)
     score = measures.scores(poses, target, source)
     best = poses[score.argmax()]
@@ -116,7 +125,7 @@ def rescored(pair: Pair) -> Found:
 
 def by_cells(pair: Pair) -> Found:
     """Let the cells choose among what the clusters propose."""
-    target, source = learn(pair.target), learn(pair.source)
+    target, source = pair.learned
     poses, _ = search(target, source, FusionConfig(), Stopwatch())
     evidence = measures.measure(poses, target, source)
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
@@ -164,30 +173,49 @@ def _array(pose: Pose | None) -> np.ndarray | None:
     return None if pose is None else np.asarray(pose)
 
 
-def measure(method: Callable[[Pair], Found], pairs: list[Pair]) -> str:
-    """One line of the table."""
-    right, strict, success, wrong, false, seconds = [], [], [], 0, 0, []
+def measure(method: Callable[[Pair], Found], pairs: list[Pair]) -> list[PairScore]:
+    """Score a method on pairs, of which nothing is learned yet; CPU time."""
+    scores = []
     for pair in pairs:
         pair = Pair(*(Grid(g.evidence, g.resolution, g.T_frame_grid)
                       for g in (pair.target, pair.source)), pair.truth, pair.centre)
         start = time.process_time()
         pose, accepted = method(pair)
-        seconds.append(time.process_time() - start)
-        if pair.truth is None:
-            false += accepted
-            continue
-        off = np.full(2, np.inf)
-        if pose is not None:
-            spots = [compose(T, (*pair.centre, 0.0))[:2] for T in (pose, pair.truth)]
-            off = np.array([np.hypot(*np.subtract(*spots)),
-                            np.degrees(abs(wrap(pose[2] - pair.truth[2])))])
-        right.append((off < (0.5, 5.0)).all())
-        strict.append((off < (0.1, 1.0)).all())
-        success.append(right[-1] and accepted)
-        wrong += accepted and not right[-1]
-    ms = np.array(seconds) * 1e3
-    return (f'{np.mean(right):6.3f} {np.mean(strict):7.3f} {np.mean(success):8.3f} {wrong:6d} '
-            f'{false:6d} {np.median(ms):8.0f} {np.percentile(ms, 95):6.0f}')
+        seconds = time.process_time() - start
+        scores.append(score_pair(pair.truth, pair.centre, pose, accepted, seconds))
+    return scores
+
+
+def stages_table(pairs: list[Pair], parts: Sequence[str] = ()) -> Table:
+    """Return what each stage brings, and other methods; or only those whose name has a part."""
+    table = Table('stages', ('method', 'right', 'strict', 'success', 'wrong', 'false',
+                             'ms median', 'p95'), (None, 3, 3, 3, 0, 0, 0, 0))
+    for name, method in ROWS.items():
+        if not parts or any(part in name for part in parts):
+            found = summary(measure(method, pairs))
+            table.add(name, *(found[key] for key in (
+                'right', 'strict', 'success', 'wrong', 'false', 'ms', 'p95')))
+    return table
+
+
+def pairs_table(folders: Sequence[Path], every: int = 1) -> Table:
+    """Return how `align` does on sets of pairs."""
+    table = Table('pairs', ('pairs', 'true', 'different places', 'success', 'strict',
+                            'wrong accepts', 'false accepts', 'median error [m]', '[deg]',
+                            'ms median', 'p95'), (None, 0, 0, 3, 3, 0, 0, 3, 3, 0, 0))
+    for folder in folders:
+        found = summary(measure(whole, load_all(folder, every)))
+        table.add(folder.name, *(found[key] for key in (
+            'true', 'different', 'success', 'strict', 'wrong', 'false', 'error', 'turn', 'ms',
+            'p95')))
+    return table
+
+
+def load_all(folder: Path, every: int = 1) -> list[Pair]:
+    """Read every n-th pair of a folder."""
+    with open(folder / 'manifest.csv', encoding='utf-8') as file:
+        rows = list(csv.DictReader(file))
+    return [load(folder, row) for row in rows[::every]]
 
 
 def sizes(pairs: list[Pair]) -> str:
@@ -210,18 +238,12 @@ def main() -> None:
     parser.add_argument('--rows', nargs='*', help='only methods whose name holds one of these')
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    with open(args.pairs / 'manifest.csv', encoding='utf-8') as file:
-        pairs = [load(args.pairs, row) for row in list(csv.DictReader(file))[::args.every]]
-    true = sum(pair.truth is not None for pair in pairs)
+    pairs = load_all(args.pairs, args.every)
     absent = [name for name in ('AKAZE', 'KAZE', 'BRISK') if not hasattr(cv2, f'{name}_create')]
     if absent:
         print(f'OpenCV {cv2.__version__} lacks {", ".join(absent)}')
     print(sizes(pairs))
-    print(f'{true} true pairs, {len(pairs) - true} of different places; CPU time on one core')
-    print(f'{"":26}  right  strict  success  wrong  false  ms: med    p95')
-    for name, method in ROWS.items():
-        if not args.rows or any(part in name for part in args.rows):
-            print(f'{name:26} {measure(method, pairs)}', flush=True)
+    print(stages_table(pairs, args.rows or ()).markdown())
 
 
 if __name__ == '__main__':

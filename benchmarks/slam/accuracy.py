@@ -13,30 +13,34 @@ process of its own. Peers that are not installed (pip install kiss-icp yag-slam)
 Asserts nothing.
 """
 
-import os
+from collections.abc import Iterable, Sequence
+import json
 from pathlib import Path
 import resource
+import subprocess
 import sys
 import time
+from typing import Any
 
-from benchmarks.data.folders import data_folder
+from benchmarks.data.folders import data_folder, ROOT
 from benchmarks.scores.trajectories import score
 from benchmarks.slam.peers import missing, SYSTEMS
+from benchmarks.tables import Table
 import numpy as np
 from somfusion_ros.io.bags.log import open_log
 from somfusion_ros.offline.robot_run import dense, MOST_WAITING, paired, PATIENCE
 from somfusion_ros.slam.pairing import Pairing
 
 KINDS = ('intel', 'mit-csail', 'belgioioso', 'mines_exp1', 'wean_run1')
-SCORES = ('relations mean', 'median', 'ate')
+OWN = 'somfusion_ros'
 
 
-def measure(folder: Path, name: str) -> str:
-    """Replay one log through a system; give its row of the table."""
+def measure(folder: Path, name: str) -> dict[str, Any]:
+    """Replay one log through a system; return what the table shows of it."""
     begin = time.process_time()
     log, system = open_log(folder / 'bag'), SYSTEMS[name]()
     pairing = Pairing(PATIENCE, lambda fault, reason='': None, capacity=MOST_WAITING)
-    path, beside = [], []
+    path, beside, beams = [], [], 0
     for scan, odometry in paired(log, pairing):
         t0 = time.process_time()
         looked = system.process(scan, odometry)
@@ -45,33 +49,67 @@ def measure(folder: Path, name: str) -> str:
         if looked:
             path.append(t1 - t0)
         beside.append(time.process_time() - t1)
-        pairing.odometry.lag = system.lag
+        pairing.odometry.lag, beams = system.lag, len(scan.ranges)
     system.draw()
     total = time.process_time() - begin
     found = score(folder, *dense(*system.trajectory(), pairing.odometry))
-    words = ' '.join(f'{found[key]:9.4f}' if key in found else f'{"-":>9}' for key in SCORES)
-    ms, memory = 1e3 * np.array(path), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return (f'{len(ms):6} {words} {np.median(ms):7.1f} {np.percentile(ms, 99):7.1f} '
-            f'{1e3 * np.mean(beside):7.1f} {log.duration / total:8.0f} {memory:6.0f}')
+    ms = 1e3 * np.array(path)
+    return {'log': folder.name, 'system': name, 'beams': beams, 'scans': len(ms), **found,
+            'ms': float(np.median(ms)), 'p99': float(np.percentile(ms, 99)),
+            'beside': float(1e3 * np.mean(beside)), 'speed': log.duration / total,
+            'MB': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
+
+
+def measured(folder: Path, name: str = OWN) -> dict[str, Any]:
+    """Measure in a process of its own, whose peak memory is that of this log and system."""
+    run = subprocess.run([sys.executable, '-m', 'benchmarks.slam.accuracy', '--one', str(folder),
+                          name], cwd=ROOT, check=True, capture_output=True, text=True)
+    return json.loads(run.stdout)
+
+
+def slam_table(found: Iterable[dict[str, Any]]) -> Table:
+    """Return the accuracy of one robot's SLAM, log by log."""
+    table = Table('slam', ('log', 'relations, mean [m]', 'median [m]', 'ATE [m]',
+                           'times real time'), (None, 4, 4, 3, 0))
+    return table.extend((one['log'], one.get('relations mean'), one.get('median'),
+                         one.get('ate'), one['speed']) for one in found)
+
+
+def speed_table(found: Iterable[dict[str, Any]]) -> Table:
+    """Return time and memory of one robot's SLAM, log by log."""
+    table = Table('speed', ('log', 'beams', 'scans', 'median [ms]', '99th percentile [ms]',
+                            'beside [ms]', 'times real time', 'memory [MB]'),
+                  (None, 0, 0, 1, 1, 1, 0, 0))
+    return table.extend((one['log'], one['beams'], one['scans'], one['ms'], one['p99'],
+                         one['beside'], one['speed'], one['MB']) for one in found)
+
+
+def systems_table(logs: Sequence[str | Path]) -> Table:
+    """Return all that is measured, of this package and of its peers that are installed."""
+    table = Table('systems', ('log', 'system', 'scans', 'relations, mean [m]', 'median [m]',
+                              'ATE [m]', 'ms median', 'p99', 'beside', 'x real time', 'MB'),
+                  (None, None, 0, 4, 4, 4, 1, 1, 1, 0, 0))
+    for log in logs:
+        for name in (name for name in SYSTEMS if not missing(name)):
+            one = measured(Path(log).resolve(), name)
+            table.add(*(one.get(key) for key in (
+                'log', 'system', 'scans', 'relations mean', 'median', 'ate', 'ms', 'p99',
+                'beside', 'speed', 'MB')))
+    return table
 
 
 def main() -> None:
     """Measure the logs, or one log with one system."""
     if len(sys.argv) == 4 and sys.argv[1] == '--one':
-        folder, name = Path(sys.argv[2]), sys.argv[3]
-        print(f'{folder.name:11} {name:24}', measure(folder, name), flush=True)
+        print(json.dumps(measure(Path(sys.argv[2]), sys.argv[3])))
         return
-    logs = sys.argv[1:] or [str(data_folder() / 'logs' / kind) for kind in KINDS]
-    absent = {name: missing(name) for name in SYSTEMS}
-    for name, why in absent.items():
+    data = data_folder()
+    if len(sys.argv) < 2 and data is None:
+        raise SystemExit(f'{__doc__}\nno data folder was found')
+    for name, why in ((name, missing(name)) for name in SYSTEMS):
         if why:
             print(f'{name}: {why}')
-    print(f'{"log":11} {"system":24}  scans  rel mean    median       ate  ms med     p99  beside'
-          '   x real     MB', flush=True)
-    for log in logs:
-        for name in (name for name, why in absent.items() if not why):
-            os.spawnv(os.P_WAIT, sys.executable,
-                      [sys.executable, '-m', 'benchmarks.slam.accuracy', '--one', log, name])
+    print(systems_table(sys.argv[1:] or [data / 'logs' / kind for kind in KINDS]).markdown())
 
 
 if __name__ == '__main__':

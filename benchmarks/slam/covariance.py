@@ -15,6 +15,7 @@ nothing.
 from collections.abc import Iterator
 import sys
 
+from benchmarks.tables import Table
 import numpy as np
 from scipy.stats import chi2
 from somfusion_ros.geometry import Array
@@ -47,20 +48,22 @@ def consistency(numbers: range) -> Iterator[tuple[str, Array, Outcome]]:
         yield name, outcome.nees[[int(moment * last) for moment in MOMENTS]], outcome
 
 
-def print_consistency(runs: int, first: int = 0) -> None:
-    """Print the table of NEES."""
+def consistency_table(runs: int, first: int = 0) -> Table:
+    """Return the mean NEES of the current pose, by building and laser, and of all drives."""
     rows: dict[str, list[Array]] = {}
     for name, nees, _ in consistency(range(first, first + runs)):
         rows.setdefault(name, []).append(nees)
-    print('NEES of the current pose, 3 degrees of freedom; after share of the drive:')
-    print(f'{"":22} runs ' + ' '.join(f'{moment:6.2f}' for moment in MOMENTS))
     every = np.concatenate(list(rows.values()))
+    table = Table('covariance', ('after a share of the drive', 'drives',
+                                 *(f'{moment:.2f}' for moment in MOMENTS)),
+                  (None, 0, *[1] * len(MOMENTS)))
     for name, values in [*sorted(rows.items()), ('all', every)]:
-        print(f'{name:22} {len(values):4} '
-              + ' '.join(f'{v:6.2f}' for v in np.mean(values, axis=0)))
+        table.add(name, len(values), *np.mean(values, axis=0).tolist())
     low, high = chi2.ppf((0.025, 0.975), 3 * runs) / runs
-    print(f'95 % band of the mean over {runs} runs: {low:.2f} .. {high:.2f}', flush=True)
+    table.add(f'honest: in 95 % of such studies {low:.2f} to {high:.2f}', runs,
+              *[3.0] * len(MOMENTS))
+    return table
 
 
 if __name__ == '__main__':
-    print_consistency(*([int(word) for word in sys.argv[1:]] or [50]))
+    print(consistency_table(*([int(word) for word in sys.argv[1:]] or [50])).markdown())

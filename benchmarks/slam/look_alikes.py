@@ -21,6 +21,7 @@ from dataclasses import replace
 import sys
 from typing import NamedTuple
 
+from benchmarks.tables import Table
 import numpy as np
 from somfusion_ros.geometry import apply, Array, between, compose, squared_mahalanobis, wrap
 from somfusion_ros.simulation import drive
@@ -184,9 +185,8 @@ def look_alike_trial(number: int) -> tuple[str, Counter[str], Outcome]:
     return kind, counts, run_trial(trial, slam=slam)
 
 
-def main() -> None:
-    """Print how loops among look-alike places fared."""
-    runs, first = (*map(int, sys.argv[1:]), *(200, 0)[len(sys.argv) - 1:])
+def look_alikes_table(runs: int, first: int = 0) -> Table:
+    """Return how loops among look-alike places fared, by kind of world."""
     counts: dict[str, Counter[str]] = {kind: Counter() for kind in (*KINDS, 'all')}
     worst: dict[str, list[float]] = {kind: [] for kind in counts}
     for number in range(first, first + runs):
@@ -194,13 +194,19 @@ def main() -> None:
         for name in (kind, 'all'):
             counts[name].update(found)
             worst[name].append(float(outcome.distance.max()))
-    print(f'{"":24} false loops               true loops        largest error [m]')
-    print('world               runs found tempted believed    found not believed  median  95 %')
-    for name, c in counts.items():
-        print(f'{name:19} {len(worst[name]):4} {c["found false"]:5} {c["tempted false"]:7} '
-              f'{c["believed false"]:8} {c["found true"]:8} '
-              f'{c["found true"] - c["believed true"]:12} '
-              f'{np.median(worst[name]):7.2f} {np.percentile(worst[name], 95):5.2f}')
+    table = Table('look-alikes', (
+        'world', 'runs', 'false loops found', 'tempting', 'believed', 'true loops found',
+        'not believed', 'largest error, median [m]', '95 % [m]'), (*[None] * 7, 2, 2))
+    return table.extend(
+        (name, len(worst[name]), c['found false'], c['tempted false'], c['believed false'],
+         c['found true'], c['found true'] - c['believed true'], float(np.median(worst[name])),
+         float(np.percentile(worst[name], 95))) for name, c in counts.items() if worst[name])
+
+
+def main() -> None:
+    """Print the table."""
+    words = [int(word) for word in sys.argv[1:]]
+    print(look_alikes_table(*(words or [200])).markdown())
 
 
 if __name__ == '__main__':

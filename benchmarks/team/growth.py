@@ -12,12 +12,13 @@ which one pair in twenty is wrong, asks for the maps of all who are connected, a
 Prints one row per team and fitted exponents, asserts nothing.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import sys
 import time
 import tracemalloc
 
+from benchmarks.tables import Table
 from helpers import fake_grid, furnished_room
 import numpy as np
 from somfusion_ros.fusion.alignment import align
@@ -33,7 +34,9 @@ from somfusion_ros.team.shared_map import SharedMap
 ROOM, SIDE = 11.0, 7   # [m] between two rooms, rooms in a row of the building
 WRONG = 0.05           # share of the accepted pairs that are wrong
 ROW_BYTES = 28         # of one cluster on the wire
-COLUMNS = ('screen s', 'match s', 'solve s', 'draw s', 'kB told', 'kB maps', 'MB peak')
+COUNTS = (5, 10, 20, 35, 50)   # robots of a team
+COLUMNS = ('screen [s]', 'match [s]', 'solve [s]', 'draw [s]', 'clusters heard [kB]',
+           'maps heard [kB]', 'memory [MB]')
 
 
 def frame(number: int) -> Pose:
@@ -125,17 +128,20 @@ def timed(seconds: np.ndarray, index: int) -> Iterator[None]:
     seconds[index] += time.process_time() - begun
 
 
+def growth_table(counts: Sequence[int] = COUNTS) -> Table:
+    """Return a robot's share of the work by the size of its team, with fitted exponents."""
+    table = Table('team-growth', ('robots', *COLUMNS), (None, 2, 2, 2, 2, 0, 0, 0))
+    rows = [measure(count) for count in counts]
+    powers = [float(np.polyfit(np.log(counts), np.log(np.maximum(column, 1e-6)), 1)[0])
+              for column in np.array(rows).T]
+    table.extend([count, *row] for count, row in zip(counts, rows, strict=True))
+    table.add('~ n^', *(f'{power:.2f}' for power in powers))
+    return table
+
+
 def main() -> None:
     """Print the table."""
-    counts = [int(word) for word in sys.argv[1:]] or [5, 10, 20, 35, 50]
-    rows = []
-    print('robots', *(f'{name:>9}' for name in COLUMNS))
-    for count in counts:
-        rows.append(measure(count))
-        print(f'{count:6}', *(f'{value:9.2f}' for value in rows[-1]), flush=True)
-    powers = [np.polyfit(np.log(counts), np.log(np.maximum(column, 1e-6)), 1)[0]
-              for column in np.array(rows).T]
-    print(' power', *(f'{power:9.2f}' for power in powers), ' (fitted: proportional to robots ^)')
+    print(growth_table([int(word) for word in sys.argv[1:]] or COUNTS).markdown())
 
 
 if __name__ == '__main__':

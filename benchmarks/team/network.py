@@ -13,6 +13,7 @@ and publishes its map every 5 s, as slam_toolbox and slam_node do; all rates are
 Prints tables, asserts nothing about time.
 """
 
+from collections.abc import Sequence
 import os
 from pathlib import Path
 import resource
@@ -21,11 +22,13 @@ import sys
 import tempfile
 import time
 
+from benchmarks.tables import Table
 from helpers import ROOT, ros_environment
 from network import Network, on_network, partition
 import numpy as np
 from team_lab import Lab, map_of
 
+COUNTS = (2, 4, 8)  # robots of a team
 PERIOD = 5.0        # [s] between two maps of a robot
 MINUTE = 60.0       # [s] that is measured
 SPEED = 3.0         # times real time, of the soak
@@ -89,15 +92,13 @@ def latencies(lab: Lab, count: int) -> np.ndarray:
     return np.array(found)
 
 
-def wire(count: int) -> str:
-    """Run a team on a network of its own; return its row of the table."""
+def wire(count: int) -> list[float]:
+    """Run a team on a network of its own; return its row of the table after the count."""
     with Network(count) as network, tempfile.TemporaryDirectory() as folder:
         with Lab(Path(folder), on_network(ros_environment(7), PROFILE)) as lab:
-            begin = network.change()
             for number, (robot, host) in enumerate(zip(robots(count), network.hosts), start=1):
                 lab.add(robot, map_of(number, count, 0.5), host, **DEFAULT_RATES)
             lab.until_equal(robots(count), timeout=180.0)
-            connected = network.change()
             told = [told_by(lab, robot, peer) for robot in robots(count)
                     for peer in robots(count) if peer != robot]
             used, sent = [cpu_seconds(p) for p in node_ids(lab)], network.change()
@@ -111,20 +112,20 @@ def wire(count: int) -> str:
             took = latencies(lab, count)
             grid = map_of(1, count, 0.7).values.size
     full = grid * 60.0 / PERIOD
-    return (f'{count:6} {np.max(told) / 1e3:10.1f} '
-            f'{np.subtract(connected, begin).mean() / 1e3:10.0f} {sent.mean() / 1e3:9.0f} '
-            f'{idle.mean() / 1e3:8.0f} {full / 1e3:12.0f} {full * (count - 1) / 1e3:10.0f} '
-            f'{used.max():8.2f} {np.median(took):8.2f} {np.percentile(took, 95):6.2f}')
+    return [np.max(told) / 1e3, sent.mean() / 1e3, idle.mean() / 1e3, full / 1e3,
+            full * (count - 1) / 1e3, used.max(), float(np.median(took)),
+            float(np.percentile(took, 95))]
 
 
-def measure_wire(counts: list[int]) -> None:
-    """Print the table of `wire`."""
-    print('       per peer   per robot: kB                      full grids each 5 s, kB / minute'
-          '   CPU      latency [s]\n'
-          'robots  state+SOM to connect  a minute  at rest  to one node to all peers  '
-          '[cores]   median    p95', flush=True)
-    for count in counts:
-        print(wire(count), flush=True)
+def wire_table(counts: Sequence[int] = COUNTS) -> Table:
+    """Return what a team costs on the wire, by its size."""
+    table = Table('wire', (
+        'robots', 'state and clusters per peer, before a match [kB]',
+        'a minute while mapping [kB]', 'a minute at rest [kB]',
+        'full grids every 5 s, to one node as m-explore has it [kB]', 'to all peers [kB]',
+        'CPU of a fusion node [cores]', "peer's new map to own global map, median [s]",
+        'p95 [s]'), (None, 0, 0, 0, 0, 0, 2, 1, 1))
+    return table.extend([count, *wire(count)] for count in counts)
 
 
 def soak(minutes: float) -> None:
@@ -187,7 +188,7 @@ def main() -> None:
     """Measure what was asked for."""
     what, *words = sys.argv[1:] or ['wire']
     if what == 'wire':
-        measure_wire([int(word) for word in words] or [2, 4, 8])
+        print(wire_table([int(word) for word in words] or COUNTS).markdown())
     elif what == 'soak':
         soak(float(words[0]) if words else 30.0)
     else:
