@@ -6,6 +6,9 @@ BAGS ?=
 DEMO_OPTIONS ?=
 OUTPUT ?= output/demo
 TESTS ?= test
+DATA ?=
+PARTS ?=
+FIGURES ?=
 
 # A sourced ROS 2 Jazzy is used as it is: the environment sees the system's packages, and numpy
 # stays at the version that ROS was compiled for. Elsewhere ROS's wheels come into the environment.
@@ -31,7 +34,7 @@ OLDEST_PYTHON := $(shell for p in python3.10 python3.11 $(PYTHON); do \
 SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
            $(shell find somfusion_ros -name '*.py' -o -name '*.json' -o -name py.typed)
 
-.PHONY: demo test test-fast oldest lint setup tf2_msgs clean
+.PHONY: demo test test-fast oldest figures lint setup tf2_msgs clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.package
@@ -47,6 +50,12 @@ test-fast: $(VENV)/.package
 # The core and the commands without ROS, with the oldest versions of all that they need.
 oldest: $(OLDEST)/.dependencies
 	env -u CI $(OLDEST)/bin/python -m pytest -m 'not system and not newest' test/unit
+
+# Every table of README and doc/ anew, from recorded data (benchmarks/DATASETS.md) or, where there
+# is none, from simulated worlds: make figures DATA=... PARTS="slam team" FIGURES=--quick
+figures: $(VENV)/.package
+	$(BIN)/python -m benchmarks.figures $(if $(DATA),--data $(DATA)) $(if $(PARTS),--parts $(PARTS)) \
+	    $(FIGURES)
 
 lint: $(VENV)/.package
 	$(BIN)/python -m pytest test/unit/test_style.py test/unit/test_types.py \

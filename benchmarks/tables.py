@@ -68,6 +68,11 @@ def write_into(document: Path, table: Table, origin: str) -> None:
                         encoding='utf-8')
 
 
+def names_in(source: str) -> list[str]:
+    """Find the names of the tables that a program makes."""
+    return re.findall(r"Table\(\s*'([\w-]+)'", source)
+
+
 def places() -> dict[str, Path]:
     """Find the document of every table, by the table's name."""
     documents = [ROOT / 'README.md', *sorted((ROOT / 'doc').glob('*.md'))]

@@ -131,6 +131,11 @@ def left_out(samples: list[Sample]) -> Array:
     return chance
 
 
+def probabilities(samples: list[Sample]) -> Array:
+    """Return what the verdict said of each sample, (N,)."""
+    return np.array([sample.probability for sample in samples])
+
+
 def kinds_table(samples: list[Sample], chance: Array) -> Table:
     """Return how many of each kind are right and accepted; chance: their probabilities (N,)."""
     kinds = defaultdict(list)
@@ -198,7 +203,7 @@ def main() -> None:
         samples = collect(RealMaps(args.pairs, args.replays), args.share, args.kinds)
         if args.keep:
             args.keep.write_bytes(pickle.dumps(samples))
-    print_tables(samples, np.array([sample.probability for sample in samples]))
+    print_tables(samples, probabilities(samples))
     for sample in samples:
         if sample.probability >= FusionConfig().estimation_confidence and not sample.right:
             print(f'wrongly accepted: {sample.kind} {sample.number} at {sample.probability:.3f}, '

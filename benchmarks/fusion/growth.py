@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from itertools import combinations
 import json
 from pathlib import Path
-import resource
 import subprocess
 import sys
 from tempfile import TemporaryDirectory
@@ -24,6 +23,7 @@ import time
 
 from benchmarks.data import worlds
 from benchmarks.data.folders import ROOT
+from benchmarks.memory import peak_megabytes
 from benchmarks.tables import Table
 import cv2
 import numpy as np
@@ -68,7 +68,7 @@ def match(file: Path) -> None:
         found = align(*fresh, cache=cache)
         seconds.append((middle - start, time.process_time() - start))
     first, whole = np.median(seconds, axis=0)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    peak = peak_megabytes()
     print(json.dumps([500.0 * first, 1e3 * whole, peak, found.reason]))
 
 

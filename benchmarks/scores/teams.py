@@ -71,6 +71,17 @@ def walls_agree(target: Grid, source: Grid, T_target_source: Array) -> float:
     return min((_share(one, other, T) for one, other, T in pairs), key=_nan_first)
 
 
+def known_overlap(target: Grid, source: Grid, T_target_source: Array) -> tuple[float, Array]:
+    """Return the share of the smaller map that both know, and its centre (2,) [m] there."""
+    known = apply(T_target_source, source.points(source.known))
+    rows, columns = target.point_to_cell(known).T
+    inside = (rows >= 0) & (rows < target.shape[0]) & (columns >= 0) & (columns < target.shape[1])
+    shared = known[inside][target.known[rows[inside], columns[inside]]]
+    areas = [grid.known.sum() * grid.resolution ** 2 for grid in (target, source)]
+    share = len(shared) * source.resolution ** 2 / max(min(areas), 1e-9)
+    return min(float(share), 1.0), shared.mean(0) if len(shared) else known.mean(0)
+
+
 def _nan_first(share: float) -> float:
     """Order shares; what is not known comes first."""
     return -1.0 if np.isnan(share) else share

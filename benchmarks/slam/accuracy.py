@@ -16,13 +16,13 @@ Asserts nothing.
 from collections.abc import Iterable, Sequence
 import json
 from pathlib import Path
-import resource
 import subprocess
 import sys
 import time
 from typing import Any
 
 from benchmarks.data.folders import data_folder, ROOT
+from benchmarks.memory import peak_megabytes
 from benchmarks.scores.trajectories import score
 from benchmarks.slam.peers import missing, SYSTEMS
 from benchmarks.tables import Table
@@ -57,7 +57,7 @@ def measure(folder: Path, name: str) -> dict[str, Any]:
     return {'log': folder.name, 'system': name, 'beams': beams, 'scans': len(ms), **found,
             'ms': float(np.median(ms)), 'p99': float(np.percentile(ms, 99)),
             'beside': float(1e3 * np.mean(beside)), 'speed': log.duration / total,
-            'MB': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
+            'MB': peak_megabytes()}
 
 
 def measured(folder: Path, name: str = OWN) -> dict[str, Any]:
