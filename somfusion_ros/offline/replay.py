@@ -56,6 +56,8 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     robots = {name: save_robot(folder / name, run) for name, run in runs.items()}
     for name, record in robots.items():
         tell_robot(name, record)
+        for note in record['notes']:
+            complain(f'{name}: {note}')
     fusion = fuse_with_progress({name: run.grid for name, run in runs.items()}, options.fusion,
                                 options.pictures)
     write_map(folder, fusion.global_map)
@@ -93,5 +95,6 @@ def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
         'milliseconds_per_scan': {
             'median': float(np.median(ms)) if len(ms) else 0.0,
             'p99': float(np.percentile(ms, 99)) if len(ms) else 0.0},
+        'notes': list(run.notes),
         'counters': {name: int(count) for name, count in run.counters.items()},
     }

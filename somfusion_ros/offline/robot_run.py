@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The SLAM of one robot over its log, as fast as it goes."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import time
@@ -12,6 +11,7 @@ import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.bags.log import BagError, Log
+from somfusion_ros.offline.fault_log import FaultLog
 from somfusion_ros.offline.history import History
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
@@ -31,7 +31,8 @@ class RobotRun:
     What came out of one robot's log.
 
     grid in the robot's map frame; stamps [s] and poses T_map_base (M,), (M, 3) of every scan
-    and of the odometry between them, and of the kept views (N,), (N, 3); counters by name;
+    and of the odometry between them, and of the kept views (N,), (N, 3); counters by name; notes:
+    sentences on what was odd in the data;
     milliseconds per scan (K,); recorded and computing time [s]; the history where it was asked
     for.
     """
@@ -43,6 +44,7 @@ class RobotRun:
     view_stamps: Array
     views: Array
     counters: dict[str, int]
+    notes: list[str]
     milliseconds: Array
     recorded: float
     seconds: float
@@ -58,9 +60,9 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     progress is told the number of scans done since the last call; a history is filled.
     """
     started, milliseconds = time.perf_counter(), []
-    faults = Counter({'scans_without_odometry': 0})
-    session = Session(config or SlamConfig(), PATIENCE, lambda name, _='': faults.update([name]),
-                      background=False, capacity=MOST_WAITING)
+    faults = FaultLog()
+    session = Session(config or SlamConfig(), PATIENCE, faults, background=False,
+                      capacity=MOST_WAITING)
     before = time.perf_counter()
     for step in steps_of(log, session):
         milliseconds.append(1e3 * (time.perf_counter() - before))
@@ -71,6 +73,8 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     slam = session.slam
     if not milliseconds:
         raise BagError(f'{log.path}: no scan has odometry at its time')
+    if not len(slam.views()[0]):
+        raise BagError(f'{log.path}: no scan could be used: {faults.main_cause()}')
     while slam.work():
         pass
     if history is not None:
@@ -81,7 +85,8 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     all_stamps, poses = dense(*slam.trajectory(), session.pairing.odometry)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
-                    {**faults, **slam.counters, **log.counters}, np.asarray(milliseconds),
+                    {**faults.counts, **slam.counters, **log.counters},
+                    faults.notes(len(milliseconds)), np.asarray(milliseconds),
                     log.duration, seconds, history)
 
 

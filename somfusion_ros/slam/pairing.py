@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
+from somfusion_ros.slam.laser import Laser
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.scan_clock import Arrived, ScanClock
@@ -67,6 +68,7 @@ class Pairing:
         self._scan_stamps, self._odometry_stamps = StampStream(), StampStream()
         self._clock = ScanClock(count)
         self._newest_pose: Array | None = None
+        self._laser = Laser(count)
 
     def add_odometry(self, stamp: float, pose: Array, slip: Array | None = None) -> None:
         """Take T_odom_base (3,) at a stamp [s]."""
@@ -74,6 +76,7 @@ class Pairing:
 
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
         """Take a scan; now [s] is any steady time."""
+        scan = self._laser.mend(scan)
         self._add_scans(self._scan_stamps.add(scan.stamp, Tagged(scan, tag, now)))
 
     def take(self, now: float) -> Paired | None:

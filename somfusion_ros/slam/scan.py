@@ -22,7 +22,8 @@ class Scan:
     A planar laser scan (sensor_msgs/LaserScan, REP-117).
 
     stamp [s] of the first beam, ranges (B,) [m], angles [rad] in the laser frame, range limits
-    [m], time_increment [s] between beams, and the laser's mount on the robot.
+    [m], time_increment [s] between beams, and the laser's mount on the robot. open_reach (B,)
+    [m]: how far a beam without a return frees space, None: as far as the laser reaches.
     """
 
     stamp: float
@@ -33,17 +34,23 @@ class Scan:
     range_max: float
     time_increment: float = 0.0
     T_base_laser: Pose = field(default_factory=Pose)
+    open_reach: Array | None = None
 
     @property
     def sweep(self) -> float:
         """Time [s] from the first beam to the last; 0 where it is not known."""
-        sweep = self.time_increment * len(self.ranges)
-        return sweep if 0.0 < sweep < LONGEST_SWEEP else 0.0
+        return self.beam_time * len(self.ranges)
+
+    @property
+    def beam_time(self) -> float:
+        """Time [s] from beam to beam; 0 where it is not known."""
+        possible = 0.0 < self.time_increment * len(self.ranges) < LONGEST_SWEEP
+        return self.time_increment if possible else 0.0
 
     def fault(self) -> str:
         """Name what makes the scan unusable, '' if nothing does."""
         numbers = (self.stamp, self.angle_min, self.angle_increment, self.range_min,
-                   self.time_increment, *self.T_base_laser)
+                   *self.T_base_laser)
         if not np.isfinite(numbers).all() or np.isnan(self.range_max):
             return 'scan_not_finite'
         if np.ndim(self.ranges) != 1 or len(self.ranges) < 2:
@@ -87,9 +94,11 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     with np.errstate(invalid='ignore'):
         hit = (ranges >= max(scan.range_min, 1e-3)) & (ranges < limit)
         beyond = (ranges >= limit) & (np.isposinf(ranges) | (ranges < scan.range_max))
-    reach = np.where(hit, ranges, np.where(beyond, limit, 0.0))
+    free = limit if scan.open_reach is None else np.where(
+        np.isposinf(ranges), np.minimum(scan.open_reach, limit), limit)
+    reach = np.where(hit, ranges, np.where(beyond, free, 0.0))
     beams = reach[:, None] * _directions(scan.angle_min, scan.angle_increment, len(ranges))
-    placed = _deskew(apply(scan.T_base_laser, beams), scan.time_increment, twist)
+    placed = _deskew(apply(scan.T_base_laser, beams), scan.beam_time, twist)
     origin = np.array(scan.T_base_laser[:2])
     hits = placed[hit]
     points, joined = _thin(hits, _joined(hits, np.flatnonzero(hit), ranges[hit],

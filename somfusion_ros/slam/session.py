@@ -25,6 +25,12 @@ from somfusion_ros.slam.scan_queue import MAX_WAITING
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.step import Step
 
+REASONS = {
+    'scan_stamps_repeated': 'a scan has the stamp of the one before it',
+    'scan_stamps_backward': 'a scan is older than the one before it',
+    'odometry_jumps': 'the odometry moved faster than any robot',
+    'match_rejected': 'a scan does not fit what was seen before',
+    'lost': 'scans have not fitted what was seen before for a while'}
 STEP_ACROSS_JUMP = 0.1     # [s] that is taken to pass between two runs, where time did not
 
 
@@ -119,8 +125,8 @@ class Session:
     def _process(self, slam: Slam, scan: Scan, paired: Paired) -> tuple[Any, Step]:
         """Process a scan; count what was wrong with it."""
         step = slam.process(scan, paired.odometry, self.bodies)
-        if step.reason:
-            self._count(step.reason, 'a scan was not used as it should')
+        if step.reason and not scan.fault():   # a fault was counted when the scan came
+            self._count(step.reason, REASONS.get(step.reason, 'a scan was not used as it should'))
         return paired.tag, step
 
     def _resume(self, checkpoint: Checkpoint) -> None:

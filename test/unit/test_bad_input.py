@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags and folders that cannot be used: one line that names them, exit status 2, no traceback."""
 
+from dataclasses import replace
 from pathlib import Path
 import shutil
 
@@ -9,6 +10,7 @@ from helpers import fake_room, fake_scan, write_fake_bag
 import numpy as np
 import pytest
 from somfusion_ros.cli.main import main
+from somfusion_ros.geometry import Pose
 from somfusion_ros.io.bags.log import BagError, open_log
 from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.offline.robot_run import run_robot
@@ -113,6 +115,29 @@ def test_odometry_of_another_day(tmp_path: Path) -> None:
             bag.scan(fake_scan(fake_room(), (1.0, 1.0, 0.0), 90000.0 + number))
     with pytest.raises(BagError, match='no scan has odometry at its time'):
         run_robot(open_log(tmp_path / 'bag'))
+
+
+USELESS = {
+    'inf': {'ranges': np.full(181, np.inf)}, 'nan': {'ranges': np.full(181, np.nan)},
+    '0': {'ranges': np.zeros(181)}, 'millimetres': {'ranges': np.full(181, 2500.0)},
+    'range_max 0': {'range_max': 0.0}, 'angle_increment 0': {'angle_increment': 0.0},
+    'ranges': {'ranges': np.zeros(0)}}
+
+
+@pytest.mark.parametrize('cause', USELESS)
+def test_scans_of_which_none_can_be_used_end_a_replay_with_the_cause(
+        cause: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """An empty map with status 0 tells nobody that a laser is set up wrongly."""
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.mount(1.0, Pose())
+        for number in range(30):
+            bag.odometry(1.0 + 0.1 * number, (0.02 * number, 0.0, 0.0))
+            scan = fake_scan(fake_room(), (1.0, 1.0, 0.0), 1.0 + 0.1 * number, beams=181)
+            bag.scan(replace(scan, **USELESS[cause]))
+    said = command(capsys, 'replay', tmp_path / 'bag', '--output', tmp_path / 'out')
+    assert str(tmp_path / 'bag') in said
+    assert cause.split()[0] in said.lower()
+    assert not (tmp_path / 'out' / 'map.yaml').exists()
 
 
 def spoil(scan: Scan, number: int) -> Scan:

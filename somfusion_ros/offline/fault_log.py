@@ -1,0 +1,33 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What was wrong with the data of a replay: counted by kind, and said once per kind."""
+
+from collections import Counter
+
+USUAL = ('match_rejected', 'lost', 'odometry_jumps')   # faults of a drive, not of its data
+FEW = 0.05   # share of the scans up to which a kind of fault at both ends of a log is not said
+
+
+class FaultLog:
+    """Counts faults by kind, and keeps the first reason of each."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter({'scans_without_odometry': 0})
+        self._reasons: dict[str, str] = {}
+
+    def __call__(self, kind: str, reason: str = '') -> None:
+        """Count one fault."""
+        self.counts[kind] += 1
+        self._reasons.setdefault(kind, reason)
+
+    def notes(self, scans: int) -> list[str]:
+        """Sentences on what was odd in a log of so many scans."""
+        return [f'{kind}: {reason} ({self.counts[kind]} times)'
+                for kind, reason in self._reasons.items() if kind not in USUAL
+                and (self.counts[kind] > FEW * scans or kind not in (
+                    'scans_without_odometry', 'scans_before_odometry'))]
+
+    def main_cause(self) -> str:
+        """Reason of the most frequent fault; '' where there was none."""
+        found = [kind for kind, _ in self.counts.most_common() if self._reasons.get(kind)]
+        return self._reasons[found[0]] if found else ''
