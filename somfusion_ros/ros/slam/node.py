@@ -134,7 +134,8 @@ class SlamNode(ManagedNode):
     def _report(self) -> None:
         """Publish the status of the node, and log why nothing comes out."""
         self._last.odometry_heard = self._odometry.heard
-        kind, reason = silence(self._last, time.monotonic())
+        kind, reason = silence(self._last, time.monotonic(),
+                               self._pipeline.session.slam.counters['views'])
         if kind:
             self._count(kind, f'{reason} (on {self._inputs})', PATIENCE)
         self._publisher.diagnostics(slam_status(

@@ -52,8 +52,12 @@ class Last:
             self.paused or ahead < EXTRAPOLATED) else self.stamp
 
 
-def silence(last: Last, now: float) -> tuple[str, str]:
-    """Return a name to count by and the reason why no pose comes out; ('', '') while one does."""
+def silence(last: Last, now: float, views: int) -> tuple[str, str]:
+    """
+    Return a name to count by and the reason why no map comes out; ('', '') while one does.
+
+    now [s] is the time of a steady clock, views the number of scans kept so far.
+    """
     if last.paused:
         return '', ''
     for word, heard in (('scan', last.scan_heard), ('odometry', last.odometry_heard)):
@@ -62,7 +66,9 @@ def silence(last: Last, now: float) -> tuple[str, str]:
             return f'seconds_without_{word}', f'no {word} {age}'
         if word == 'scan' and last.lacking:
             return 'seconds_without_mount', last.lacking
-    return ('', '') if last.step else ('seconds_without_pose', 'no scan could be used yet')
+    if last.step and views:
+        return '', ''
+    return 'seconds_without_pose', 'no scan could be used yet; the counts of faults say why'
 
 
 def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mapping[str, int],
@@ -76,5 +82,5 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
               'age_of_odometry_s': now - last.odometry_heard,
               'pose_sigma_x_m': sigma[0], 'pose_sigma_y_m': sigma[1],
               'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
-    warning = 'paused: new scans are left out' if last.paused else silence(last, now)[1]
+    warning = 'paused: new scans are left out' if last.paused else silence(last, now, slam.counters['views'])[1]
     return status(node, namespace, values, warning)
