@@ -7,6 +7,7 @@ No ROS is needed here: the commands read the same parameter files as the nodes.
 """
 
 from dataclasses import dataclass
+import re
 
 from somfusion_ros.settings import parameter, validate
 
@@ -147,3 +148,5 @@ class FusionNodeConfig:
 
     def __post_init__(self) -> None:
         validate(self)
+        words = [word for text in self.peers for word in re.split(r'[\s,]+', text) if word]
+        object.__setattr__(self, 'peers', tuple(words) or ('',))

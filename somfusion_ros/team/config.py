@@ -23,6 +23,10 @@ class TeamConfig:
     initial_poses: tuple[str, ...] = parameter(
         ('',), 'm, m, rad', None, None,
         'Map frames in one common frame, each as "name x y yaw"; used with known_init_poses.')
+    world_anchor: str = parameter(
+        '', '', None, None,
+        'Robot whose map frame is world wherever it is connected, so that its world never moves; '
+        'the same on every robot. Empty: of the connected robots the one whose name sorts first.')
     robot_radius: float = parameter(
         0.35, 'm', 0.0, 10.0,
         "Walls within this distance of a robot's path, which its own map shows as free, are taken "

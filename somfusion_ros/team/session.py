@@ -23,13 +23,13 @@ from somfusion_ros.settings import tuned
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
-from somfusion_ros.team.global_map import merge_grids
+from somfusion_ros.team.global_drawing import GlobalDrawing
 from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
-
-DIGITS = 4    # of the poses that maps are drawn at [m, rad], so that all robots draw alike
+from somfusion_ros.team.words import ordinal, sentence
+from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ class Snapshot:
     alignment with each peer; words: what became of it; settled: the peers on whose present maps
     the last word is said; wanted: the peers whose whole maps are of use; departed, departed_maps:
     robots that are gone, with their maps; sources: who has the map of a robot that is gone; jumps:
-    accepted transforms that changed by much.
+    accepted transforms that changed by much; anchor: the robot whose map frame `world` is where
+    it is connected; world_changes: how often `world` changed for this robot.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
@@ -75,11 +76,17 @@ class Snapshot:
     departed_maps: Mapping[str, SharedMap] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
     jumps: int = 0
+    anchor: str = ''
+    world_changes: int = 0
 
     def world(self, robot: str) -> dict[str, Pose]:
-        """T_world_map by robot of the team that a robot is connected with; {} while alone."""
+        """T_world_map by robot of the connected team; of the robot alone while it is alone."""
+        return anchored(self.solution.group_of(robot), self.anchor)
+
+    def connected(self, robot: str) -> list[str]:
+        """Robots of the connected team; none while the robot is alone."""
         group = self.solution.group_of(robot)
-        return group if len(group) > 1 else {}
+        return sorted(group) if len(group) > 1 else []
 
 
 class FusionSession:
@@ -100,8 +107,17 @@ class FusionSession:
         self._dropped: set[tuple[tuple[str, str], str]] = set()
         self._accepted: dict[str, Pose] = {}
         self._jumps = 0
-        self._drawn: dict[str, tuple[SharedMap, Pose]] = {}
+        self._world = WorldWatch(name, TUNING.jump_distance, TUNING.jump_heading, say)
+        self._drawing = GlobalDrawing(config.robot_radius, say)
         self.refresh()
+
+    def shown_maps(self) -> dict[str, SharedMap]:
+        """Return the maps of all robots, as they are shown in the global map."""
+        return dict(self._team.shown)
+
+    def learned_of(self, robot: str) -> LearnedMap:
+        """Return what is learned of a robot's map, which is known."""
+        return learn(self._team.maps[robot].grid, self.fusion, self._cache)
 
     @property
     def own_grid(self) -> Grid | None:
@@ -128,8 +144,8 @@ class FusionSession:
             self._looked[robot] = now + pause
             for peer in list(self._accepted) if robot == self._name else [robot]:
                 self._accepted.pop(peer, None)
-            self._say(f'{robot} began a new map, for the {begun + 1}. time: its old place is '
-                      f'forgotten, a new one is sought in {pause:.0f} s')
+            self._say(f'{robot} began a new map, for the {ordinal(begun + 1)} time: its old place '
+                      f'is forgotten, a new one is sought in {pause:.0f} s')
         return changed
 
     def take_clusters(self, peer: str, clusters: Clusters) -> None:
@@ -167,7 +183,8 @@ class FusionSession:
         verdict = align(target, source, self.fusion, cache=self._cache)
         self._words[peer] = self._team.record(peer, verdict, target, source, now)
         self._count_jump(peer, self._team.own_transforms().get(peer))
-        self._say(f'{self._name} and {peer}: {self._words[peer]}; {verdict.reason}')
+        self._say(f'{self._name} and {peer}: '
+                  f'{sentence(self._words[peer], verdict.reason, self._name, peer)}')
         return peer
 
     def refresh(self, present: Collection[str] | None = None) -> Snapshot:
@@ -179,49 +196,23 @@ class FusionSession:
         for new in dropped.keys() - self._dropped:
             self._say(dropped[new])
         self._dropped = set(dropped)
-        connected = solution.group_of(self._name).keys() - {self._name}
+        group, anchor = solution.group_of(self._name), self._config.world_anchor
+        self._world.look(anchored(group, anchor), anchor_of(group, anchor))
         self.snapshot = Snapshot(
             self._team.own_transforms(), tuple(self._team.own_constraints()), solution,
             {peer: pair.last for peer, pair in pairs.items() if pair.last is not None},
             dict(self._words),
             frozenset({peer for peer, pair in pairs.items() if pair.settled}
                       | self._scouting.unlikely - self._team.maps.keys()),
-            frozenset(self._scouting.likely | connected), self._departed.known,
-            self._departed.maps(), dict(self._departed.sources), self._jumps)
+            frozenset(self._scouting.likely | group.keys() - {self._name}),
+            self._departed.known,
+            self._departed.maps(), dict(self._departed.sources), self._jumps, anchor,
+            self._world.changes)
         return self.snapshot
 
     def draw(self) -> Grid | None:
         """Draw the global map; None where it would look like the last one."""
-        world, shown = self.snapshot.world(self._name), self._team.shown
-        if not world and self._drawn and self._name in shown:
-            world = {self._name: Pose()}   # the team fell apart: do not leave the old map standing
-        parts = {robot: (shown[robot], Pose(*np.round(pose, DIGITS)))
-                 for robot, pose in world.items() if robot in shown}
-        if not parts or self._looks_drawn(parts):
-            return None
-        self._drawn = parts
-        return self._merge(parts)
-
-    def _merge(self, parts: dict[str, tuple[SharedMap, Pose]]) -> Grid:
-        """
-        Merge maps at their poses; where that would be too large, without the ones far away.
-
-        The cells are those of the middle map, so that no single peer can make them absurd.
-        """
-        sizes = sorted(shared.grid.resolution for shared, _ in parts.values())
-        try:
-            return merge_grids(
-                {robot: shared.grid for robot, (shared, _) in parts.items()},
-                {robot: pose for robot, (_, pose) in parts.items()}, sizes[(len(sizes) - 1) // 2],
-                {robot: shared.driven for robot, (shared, _) in parts.items()},
-                self._config.robot_radius)
-        except ValueError as error:
-            if len(parts) == 1:
-                raise
-            middle = np.median([pose[:2] for _, pose in parts.values()], axis=0)
-            far = max(parts, key=lambda robot: np.hypot(*(parts[robot][1][:2] - middle)))
-            self._say(f'{far} is left out of the global map: {error}')
-            return self._merge({robot: part for robot, part in parts.items() if robot != far})
+        return self._drawing.draw(self._team.shown, self.snapshot.world(self._name))
 
     def reset(self) -> None:
         """Forget all verdicts and begin again."""
@@ -242,9 +233,3 @@ class FusionSession:
             self._jumps += bool(np.hypot(step[0], step[1]) > TUNING.jump_distance
                                 or abs(step[2]) > TUNING.jump_heading)
             self._accepted[peer] = accepted
-
-    def _looks_drawn(self, parts: dict[str, tuple[SharedMap, Pose]]) -> bool:
-        """Return whether the same maps lay at the same poses when last drawn."""
-        return parts.keys() == self._drawn.keys() and all(
-            shared is self._drawn[robot][0] and pose == self._drawn[robot][1]
-            for robot, (shared, pose) in parts.items())

@@ -117,8 +117,9 @@ def test_nobody_is_connected_before_a_verdict() -> None:
     work.take_map('robot1', SharedMap(fake_grid(fake_room())))
     assert work.attempt(0.0) is None
     work.refresh()
-    assert work.draw() is None
-    assert work.snapshot.world('robot1') == {}
+    assert work.draw() is not None   # its own map, so that it can navigate and explore
+    assert work.snapshot.world('robot1') == {'robot1': Pose()}
+    assert work.snapshot.connected('robot1') == []
 
 
 def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
@@ -143,12 +144,13 @@ def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
     assert {'overlap', 'J', 'runner_up', 'reason', 'ms_per_attempt', 'map_age_s',
             'bytes_received'} <= values.keys()
     work.reset()
-    assert work.snapshot.world('robot1') == {}
+    assert work.snapshot.world('robot1') == {'robot1': Pose()}
     assert work.draw() is not None   # the old global map does not stay
 
 
 @pytest.mark.parametrize(('heard', 'words'), [
-    (Heard(99.0), 'has not sent a map'), (Heard(0.0, 0.0, 1), 'silent for 100 s'),
+    (Heard(99.0), 'has not sent a map'), (Heard(), 'nothing was heard of robot2 yet'),
+    (Heard(0.0, 0.0, 1), 'silent for 100 s'),
     (Heard(99.0, 99.0, 1), 'not matched yet')])
 def test_a_silent_peer_is_named(heard: Heard, words: str) -> None:
     own = Heard(99.0, 99.0, 1)

@@ -71,7 +71,8 @@ def test_values_from_outside_arrive(context: rclpy.Context) -> None:
     (SlamConfig, 'resolution', -1.0), (SlamConfig, 'resolution', float('nan')),
     (SlamConfig, 'resolution', 'fine'), (SlamNodeConfig, 'odometry_source', 'gps'),
     (SlamNodeConfig, 'laser_pose', [1.0]), (FusionNodeConfig, 'merging_rate', 0.0),
-    (TeamConfig, 'initial_poses', ['robot1 1 2']), (FusionNodeConfig, 'peers', 'robot2')])
+    (TeamConfig, 'initial_poses', ['robot1 1 2']), (FusionNodeConfig, 'peers', 3),
+    (FusionNodeConfig, 'peers', [1.0])])
 def test_bad_values_are_refused_by_name(config: type, name: str, value: object,
                                         context: rclpy.Context) -> None:
     node = make_node(context, **{name: value})
@@ -79,6 +80,26 @@ def test_bad_values_are_refused_by_name(config: type, name: str, value: object,
                         InvalidParameterTypeException), match=name):
         parameters.declare(node, config)
     node.destroy_node()
+
+
+@pytest.mark.parametrize('given', ['robot2 robot3', 'robot2, robot3', 'robot2,robot3',
+                                   ['robot2', 'robot3'], ['robot2,', ' robot3']])
+def test_peers_may_be_one_text_or_a_list(given: object, context: rclpy.Context) -> None:
+    node = make_node(context, peers=given)
+    assert parameters.declare(node, FusionNodeConfig).peers == ('robot2', 'robot3')
+    node.destroy_node()
+
+
+def test_unknown_parameters_are_named_with_the_nearest_that_exist() -> None:
+    declared = {'resolution', 'map_frame', 'map_update_interval'}
+    said = parameters.unknown(
+        ['resolution', 'resolutoin', 'slam.map_frame', 'robot_name', 'xyz', 'use_sim_time',
+         'qos_overrides./scan.subscription.depth'], declared, {'fusion_node': ['robot_name']})
+    assert said == [
+        'there is no parameter resolutoin; did you mean resolution?',
+        'robot_name is a parameter of fusion_node, not of this node',
+        'there is no parameter slam.map_frame; did you mean map_frame?',
+        'there is no parameter xyz']
 
 
 def test_live_changes_are_taken_all_or_none(context: rclpy.Context) -> None:

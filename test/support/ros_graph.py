@@ -47,6 +47,12 @@ class Graph:
                           for path in sorted(self.processes.log_folder.glob('*.log')))
         raise AssertionError(f'not within {timeout} s: {what}\n{words}')
 
+    def spin_for(self, seconds: float) -> None:
+        """Spin for a time [s]."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=max(end - time.monotonic(), 0.0))
+
     def call(self, kind: type, service: str, request: Any = None) -> Any:
         """Call a service and return its answer."""
         client = self.node.create_client(kind, service)

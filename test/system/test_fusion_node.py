@@ -155,10 +155,11 @@ def test_services_and_live_parameters_over_the_profile_for_wifi(wifi_graph: Grap
     result = start(graph, 'robot1', '-p', f'map_directory:={tmp_path}')
     assert not graph.call(Trigger, '/robot1/fusion_node/save_map').success
     keep = [publish_map(graph, robot, map_of(robot)) for robot in ('robot1', 'robot2')]
-    graph.until(lambda: result['map'], 'global map')
+    graph.until(lambda: result['transform'] and result['map'], 'a pair and the global map')
     saved = graph.call(Trigger, '/robot1/fusion_node/save_map')
     assert saved.success, saved.message
-    assert read_map(tmp_path / 'global_map.yaml').occupied.sum() > 100
+    assert str(tmp_path / 'robot1_global_map.yaml') in saved.message
+    assert read_map(tmp_path / 'robot1_global_map.yaml').occupied.sum() > 100
     request = SetParameters.Request(parameters=[
         Parameter('estimation_confidence', value=value).to_parameter_msg()
         for value in (0.9, 1.5)])
@@ -224,7 +225,7 @@ def test_a_peer_with_garbage_is_counted_and_the_others_go_on(graph: Graph) -> No
     lie.transform.translation.x = float('inf')
     lies.publish(lie)
     graph.until(lambda: counts(diagnostics, 'transform_of_robot2_unusable') == 1, 'lie counted')
-    assert not result['map']
+    assert not result['transform']
     garbage.publish(convert.grid_message(map_of('robot2'), 'map', Time(sec=2)))
     graph.until(lambda: result['transform'], 'transform after all')
     assert_true(result['transform'][-1], 'robot1', 'robot2')
@@ -308,8 +309,8 @@ def test_known_poses_place_maps_without_a_match(graph: Graph) -> None:
                 'robot_name:=robot1', '-p', 'known_init_poses:=true', '-p',
                 f'initial_poses:={poses}'.replace("'", '"'))
     maps = graph.hear(OccupancyGrid, '/global_map', qos.LATCHED)
-    graph.until(lambda: maps, 'global map')
-    assert share_of_walls(maps[-1], 'robot2', map_of('robot2'), 'robot1') > 0.9
+    graph.until(lambda: maps and share_of_walls(
+        maps[-1], 'robot2', map_of('robot2'), 'robot1') > 0.9, 'global map of both')
     assert keep
     graph.assert_clean(graph.processes.stop())
 

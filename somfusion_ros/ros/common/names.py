@@ -10,12 +10,16 @@ below another robot's name are found as `/<robot>/<name>`.
 # One robot's SLAM.
 SCAN, ODOMETRY, JOINT_STATES = 'scan', 'odom', 'joint_states'
 MAP, MAP_METADATA, ROBOT_POSE, PATH = 'map', 'map_metadata', 'pose', 'path'
-MAP_GRADED, DYNAMIC_MAP = 'map_graded', 'dynamic_map'
+GRADED_SUFFIX = '_graded'   # of the same map with graded evidence
+MAP_GRADED = 'map_graded'
+GLOBAL_MAP, GLOBAL_MAP_GRADED = 'global_map', 'global_map_graded'
+DYNAMIC_MAP = 'dynamic_map'
 MAP_EPOCH = 'map_epoch'    # which map it is that the other topics speak of
 
 # The team, for those who use its results.
 RELATIVE_TRANSFORMS, PEER_POSES, PEER_BODIES = 'relative_transforms', 'peer_poses', 'peer_bodies'
 CLUSTERS, MARKERS, ENCOUNTERS = 'clusters', 'markers', 'encounters'
+PEERS = 'peers'   # followed by the name of a robot and by map, path or clusters
 
 # What fusion nodes tell one another: states and poses always, maps to those who ask.
 TEAM_STATE, TEAM_POSE = 'team/state', 'team/pose'

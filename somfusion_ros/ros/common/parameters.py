@@ -61,8 +61,9 @@ def change(config: Config, parameters: list[Any]) -> tuple[Config, SetParameters
     Parameters that the config does not have are left to others; a refusal says why.
     """
     known = {item.name: item for item in fields(config)}
-    changed = {p.name: _from_ros(known[p.name], p.value) for p in parameters if p.name in known}
     try:
+        changed = {p.name: _from_ros(known[p.name], p.value)
+                   for p in parameters if p.name in known}
         return replace(config, **changed), SetParametersResult(successful=True)
     except (TypeError, ValueError) as error:
         return config, SetParametersResult(successful=False, reason=str(error))
@@ -112,6 +113,8 @@ def _to_ros(value: Any) -> Any:
 
 def _from_ros(item: Field[Any], value: Any) -> Any:
     """Convert a list to the tuple that a frozen config holds."""
-    if item.metadata['words'] and isinstance(value, str):
-        value = [value]
+    if item.metadata['words']:   # any type comes through
+        value = [value] if isinstance(value, str) else value
+        if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+            raise ValueError(f'{item.name} = {value!r} is no list of words')
     return tuple(value) if isinstance(item.default, tuple) else value

@@ -19,8 +19,8 @@ from std_msgs.msg import UInt8MultiArray
 class DepartedLink:
     """One robot's end of the links on which maps of absent robots go."""
 
-    def __init__(self, node: Any, receiver: Receiver) -> None:
-        self._node, self._receiver = node, receiver
+    def __init__(self, node: Any, prefix: str, receiver: Receiver) -> None:
+        self._node, self._prefix, self._receiver = node, prefix, receiver
         self._offered: dict[str, Any] = {}
         self._sent: dict[str, SharedMap] = {}
         self._fetched: dict[str, tuple[str, Any]] = {}
@@ -33,7 +33,7 @@ class DepartedLink:
         for robot, shared in maps.items():
             if robot not in self._offered:
                 self._offered[robot] = self._node.create_publisher(
-                    UInt8MultiArray, f'{names.TEAM_DEPARTED}/{robot}', qos.LATCHED)
+                    UInt8MultiArray, f'{self._prefix}{names.TEAM_DEPARTED}/{robot}', qos.LATCHED)
             publisher = self._offered[robot]
             if publisher.get_subscription_count() and self._sent.get(robot) is not shared:
                 self._sent[robot] = shared

@@ -28,26 +28,26 @@ class Discovery:
     Subscribes to each robot once, and again when it turns out to have a fusion node.
 
     teams: robots with a fusion node, now or once; alive: those whose fusion node is there now;
-    present: those that are there now, with or without one.
+    present: those that are there now, with or without one; looks: how often was looked. prefix:
+    where the robot's own topics for the team stand.
     """
 
-    def __init__(self, node: Any, name: str, config: FusionNodeConfig, link: TeamLink,
+    def __init__(self, node: Any, prefix: str, config: FusionNodeConfig, link: TeamLink,
                  receiver: Receiver) -> None:
         self._node, self._config, self._link, self._receiver = node, config, link, receiver
         self._heard = receiver.inbox.heard
         self._own_map = node.resolve_topic_name(config.robot_map_topic)
-        self._own_state = node.resolve_topic_name(names.TEAM_STATE)
+        self._own_state = node.resolve_topic_name(f'{prefix}{names.TEAM_STATE}')
         self._first_seen: dict[str, float] = {}
         self._plain: dict[str, list[Any]] = {}
+        self.looks = 0
         self.teams: set[str] = set()
         self.alive: set[str] = set()
         self.present: set[str] = set()
-        self._heard[name] = Heard()
-        node.create_subscription(OccupancyGrid, config.robot_map_topic,
-                                 partial(receiver.on_map, name), qos.LATCHED)
 
     def look(self) -> None:
         """Listen to every robot that is new."""
+        self.looks += 1
         topics, peers = self._node.get_topic_names_and_types(), self._config.peers
         teams = find_peers(topics, names.TEAM_STATE, names.STATE_TYPE, self._own_state, peers)
         for peer in teams:

@@ -1,8 +1,8 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Everything a fusion node publishes, and the names of the frames it does so in."""
+"""What a fusion node publishes about the team, but for TF."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -15,11 +15,10 @@ from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.geometry import between, compose, compose_jacobians, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.cluster_rows import cluster_rows
-from somfusion_ros.node_config import FusionNodeConfig
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.diagnostics import diagnostic_array
-from somfusion_ros.ros.common.tf import Broadcaster
+from somfusion_ros.ros.fusion.frames import Frames
 from somfusion_ros.ros.fusion.markers import matched_clusters, team_markers
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.screening import outline
@@ -28,68 +27,65 @@ from visualization_msgs.msg import MarkerArray
 
 
 class FusionPublisher:
-    """The publishers of one robot's fusion node."""
+    """The publishers of one robot's fusion node; prefix: where its topics for the team stand."""
 
-    def __init__(self, node: Any, robot: str, config: FusionNodeConfig) -> None:
-        self._node, self._robot, self._config = node, robot, config
-        self._transforms = Broadcaster(node)
-        self._map = node.create_publisher(OccupancyGrid, config.merged_map_topic, qos.LATCHED)
-        self._relative = node.create_publisher(TransformStamped, names.RELATIVE_TRANSFORMS,
-                                               qos.LATCHED_PER_PAIR)
+    def __init__(self, node: Any, frames: Frames, prefix: str, merged_map_topic: str) -> None:
+        self._node, self._frames = node, frames
+        self._map = node.create_publisher(OccupancyGrid, merged_map_topic, qos.LATCHED)
+        self._graded = node.create_publisher(
+            OccupancyGrid, f'{merged_map_topic}{names.GRADED_SUFFIX}', qos.LATCHED)
+        self._shown: tuple[OccupancyGrid, Grid] | None = None
+        self._relative = node.create_publisher(
+            TransformStamped, f'{prefix}{names.RELATIVE_TRANSFORMS}', qos.LATCHED_PER_PAIR)
         self._bodies = node.create_publisher(PoseArray, names.PEER_BODIES, qos.LATEST)
         self._pose_publishers: dict[str, Any] = {}
         self._poses = node.create_publisher(PoseArray, names.PEER_POSES, qos.STREAM)
-        self._clusters = node.create_publisher(PointCloud2, names.CLUSTERS, qos.LATCHED)
+        self._clusters = node.create_publisher(PointCloud2, f'{prefix}{names.CLUSTERS}',
+                                               qos.LATCHED)
         self._markers = node.create_publisher(MarkerArray, names.MARKERS, qos.LATEST)
         self._diagnostics = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STREAM)
 
-    def frame(self, robot: str) -> str:
-        """Name of a robot's map frame in this robot's tree."""
-        own = self._config.map_frame
-        return own if robot == self._robot else f'{robot}/{own.rpartition("/")[2]}'
-
-    @property
-    def _shared_tree(self) -> bool:
-        """Whether all robots share one /tf: a prefixed map frame would be pointless elsewhere."""
-        return '/' in self._config.map_frame.strip('/')
-
     def global_map(self, grid: Grid) -> None:
-        """Publish the global map."""
-        self._map.publish(convert.grid_message(grid, self._config.world_frame, self._now()))
+        """Publish a new global map."""
+        self._shown = convert.grid_message(grid, self._frames.world, self._now()), grid
+        self.repeat_global_map()
 
-    def transforms(self, snapshot: Snapshot, heard: Mapping[str, Heard],
-                   alive: Collection[str]) -> None:
-        """
-        Repeat what is accepted, as messages and on TF, and where the robots are.
+    def repeat_global_map(self) -> None:
+        """Publish the global map again, for those who came late and take no latched message."""
+        if self._shown is None:
+            return
+        message, grid = self._shown
+        self._map.publish(message)
+        if self._graded.get_subscription_count():
+            self._graded.publish(convert.grid_message(
+                grid, message.header.frame_id, message.header.stamp, graded=True))
 
-        In one tree for all robots, a peer whose own fusion node is alive places its map itself.
-        """
-        stamp, world = self._now(), snapshot.world(self._robot)
+    def team(self, snapshot: Snapshot, heard: Mapping[str, Heard]) -> None:
+        """Publish which transforms the robot itself accepted, and where the robots are."""
+        stamp, world = self._now(), snapshot.world(self._frames.robot)
+        own = self._frames.map_of(self._frames.robot)
         for peer, pose in snapshot.own_transforms.items():
             self._relative.publish(convert.transform_message(
-                pose, self.frame(self._robot), self.frame(peer), stamp))
-        self._transforms.send([convert.transform_message(
-            pose, self._config.world_frame, self.frame(robot), stamp)
-            for robot, pose in world.items()
-            if robot == self._robot or not self._shared_tree or robot not in alive])
+                pose, own, self._frames.map_of(peer), stamp))
         self._team_poses({robot: heard[robot].poses[-1] for robot in sorted(world)
                           if robot in heard and heard[robot].poses}, snapshot, stamp)
 
     def _team_poses(self, here: Mapping[str, TimedPose], snapshot: Snapshot, stamp: Time) -> None:
         """Publish where the robots are: all in one message, and each with its covariance."""
-        world, frame = snapshot.world(self._robot), self._config.world_frame
+        own, frame = self._frames.robot, self._frames.world
+        world, covariances = snapshot.world(own), snapshot.solution.covariances
         poses = {robot: Pose.from_array(compose(world[robot], item.pose))
                  for robot, item in here.items()}
         if poses:
             self._poses.publish(convert.pose_array(poses.values(), frame, stamp))
-        others = [between(world[self._robot], pose) for robot, pose in poses.items()
-                  if robot != self._robot]
+        others = [between(world[own], pose) for robot, pose in poses.items()
+                  if robot != own]
         if others:
             self._bodies.publish(convert.pose_array(map(Pose.from_array, others),
-                                                    self._config.map_frame, stamp))
+                                                    self._frames.own, stamp))
         for robot, pose in poses.items():
             by_map, by_pose = compose_jacobians(world[robot], here[robot].pose)
-            P = (by_map @ snapshot.solution.covariances[robot] @ by_map.T
+            P = (by_map @ covariances.get(robot, np.zeros((3, 3))) @ by_map.T
                  + by_pose @ here[robot].covariance @ by_pose.T)
             self._pose_of(robot).publish(convert.pose_with_covariance(pose, P, frame, stamp))
 
@@ -106,7 +102,7 @@ class FusionPublisher:
 
         Markers show the matches with peers' maps that lie at T_own_peer.
         """
-        stamp, frame = self._now(), self.frame(self._robot)
+        stamp, frame = self._now(), self._frames.own
         self._clusters.publish(convert.cluster_cloud(cluster_rows(outline(learned)), frame, stamp))
         if self._markers.get_subscription_count():
             matches = [matched_clusters(learned, *peer) for peer in peers]

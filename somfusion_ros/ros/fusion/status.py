@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What fusion_node tells /diagnostics: how the node is doing, and how each peer."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -10,20 +10,31 @@ from somfusion_ros.ros.common.diagnostics import status
 from somfusion_ros.team.channels import CLUSTERS, MAP_CHANNELS
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.session import Snapshot
+from somfusion_ros.team.world import anchor_of
 
 
 def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],
-                    faults: Mapping[str, int], now: float,
-                    timeout: float) -> list[DiagnosticStatus]:
-    """One status of the node, and one per peer."""
-    world = snapshot.world(robot)
-    values = {'peers': len(heard) - 1, 'connected': ', '.join(sorted(world)) or 'nobody',
+                    faults: Mapping[str, int], now: float, timeout: float,
+                    missing: Collection[str] = ()) -> list[DiagnosticStatus]:
+    """One status of the node, one per peer, and one per listed peer that was never seen."""
+    connected = snapshot.connected(robot)
+    values = {'peers': len(heard) - 1, 'connected': ', '.join(connected) or 'nobody',
+              'world_is_map_of': anchor_of(snapshot.world(robot), snapshot.anchor),
+              'world_changes': snapshot.world_changes,
               'dropped': '; '.join(d.reason for d in snapshot.solution.dropped),
               'transform_jumps': snapshot.jumps, **faults}
     silent = '' if heard[robot].maps else "the robot's own map has not come yet"
-    return [status(node, robot, values, silent)] + [
-        _peer_status(node, peer, snapshot, heard[peer], peer in world, now, timeout)
-        for peer in sorted(heard) if peer != robot]
+    return [status(node, robot, values, silent), *(
+        _peer_status(node, peer, snapshot, heard[peer], peer in connected, now, timeout)
+        for peer in sorted(heard) if peer != robot), *(
+        status(f'{node}: {peer}', peer, {'connected': False}, never_seen(peer))
+        for peer in sorted(missing))]
+
+
+def never_seen(peer: str) -> str:
+    """Say what to look for where a listed peer does not show up."""
+    return (f'{peer} is listed in peers, but was never seen: is it running, in the namespace '
+            f'/{peer}, in this ROS domain and within reach?')
 
 
 def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connected: bool,
@@ -42,7 +53,9 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
                    'probability': verdict.probability, 'runner_up': rival,
                    'verdict': snapshot.words.get(peer, ''), 'reason': verdict.reason,
                    'ms_per_attempt': 1e3 * sum(verdict.seconds.values())}
-    if values['heard_s'] > timeout:
+    if values['heard_s'] == float('inf'):
+        warning = f'nothing was heard of {peer} yet'
+    elif values['heard_s'] > timeout:
         warning = f'{peer} has been silent for {values["heard_s"]:.0f} s'
     elif not heard.maps and heard.received[CLUSTERS]:
         warning = f'no match with {peer} is likely yet, so its whole map was not asked for'

@@ -33,18 +33,22 @@ STREAMS = {MAP: names.TEAM_MAP, CHANGES: names.TEAM_MAP_CHANGES}
 
 
 class TeamLink:
-    """One robot's end of all links."""
+    """One robot's end of all links; prefix: where its topics for the team stand."""
 
-    def __init__(self, node: Any, receiver: Receiver, count: Callable[..., None]) -> None:
+    def __init__(self, node: Any, prefix: str, receiver: Receiver,
+                 count: Callable[..., None]) -> None:
         self._node, self._receiver, self._count = node, receiver, count
         self._outbox = Outbox(uuid4().hex[:12])
         self._wanted: set[str] = set()
         self._clusters: dict[str, Any] = {}
-        self._state = node.create_publisher(String, names.TEAM_STATE, qos.LATCHED)
-        self._pose = node.create_publisher(PoseWithCovarianceStamped, names.TEAM_POSE, qos.LATCHED)
-        self._streams = {channel: node.create_publisher(UInt8MultiArray, topic, qos.LATCHED)
-                         for channel, topic in STREAMS.items()}
-        node.create_subscription(String, names.TEAM_STATE, self._on_own_state, qos.LATCHED)
+        self._state = node.create_publisher(String, f'{prefix}{names.TEAM_STATE}', qos.LATCHED)
+        self._pose = node.create_publisher(PoseWithCovarianceStamped,
+                                           f'{prefix}{names.TEAM_POSE}', qos.LATCHED)
+        self._streams = {channel: node.create_publisher(
+            UInt8MultiArray, f'{prefix}{topic}', qos.LATCHED)
+            for channel, topic in STREAMS.items()}
+        node.create_subscription(String, f'{prefix}{names.TEAM_STATE}', self._on_own_state,
+                                 qos.LATCHED)
 
     def listen(self, peer: str) -> None:
         """Subscribe to what a peer publishes always."""
