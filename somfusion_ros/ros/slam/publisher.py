@@ -67,8 +67,10 @@ class SlamPublisher:
         self._metadata.publish(message.info)
         self._path.publish(self._path_message)
         if self._graded.get_subscription_count():
-            self._graded.publish(convert.grid_message(
-                grid, message.header.frame_id, message.header.stamp, graded=True))
+            graded = convert.grid_message(grid, message.header.frame_id, message.header.stamp,
+                                          graded=True)
+            graded.info = message.info
+            self._graded.publish(graded)
 
     def pose(self, step: Step, stamp: Time) -> None:
         """Publish where the robot is."""
