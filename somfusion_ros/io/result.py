@@ -13,6 +13,7 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.io.maps import MapError, write_map
 
 if TYPE_CHECKING:
+    from somfusion_ros.team.bond import Bond
     from somfusion_ros.team.offline import Fusion, PairResult
 
 RESULT, EVIDENCE = 'result.json', 'evidence.npz'
@@ -20,8 +21,10 @@ RESULT, EVIDENCE = 'result.json', 'evidence.npz'
 
 def fusion_record(fusion: 'Fusion') -> dict[str, Any]:
     """Describe a fusion for result.json: pairs, transforms, unconnected, verification_index."""
+    bonds = {bond.pair: bond for bond in fusion.elastic.bonds} if fusion.elastic else {}
     return {
-        'pairs': [pair_record(pair) for pair in fusion.pairs],
+        'pairs': [{**pair_record(pair), **bond_record(bonds.get((pair.target, pair.source)))}
+                  for pair in fusion.pairs],
         'transforms': {robot: pose_record(fusion.world[robot]) for robot in fusion.world},
         'unconnected': list(fusion.unconnected),
         'verification_index': fusion.verification_index,
@@ -48,6 +51,23 @@ def pair_record(pair: 'PairResult') -> dict[str, Any]:
             'transform': pose_record(rival.T_target_source),
             'probability': float(rival.probability)},
         'seconds': {stage: float(s) for stage, s in found.seconds.items()},
+    }
+
+
+def bond_record(bond: 'Bond | None') -> dict[str, Any]:
+    """Describe what the views of a pair say, for result.json; {} where they were not asked."""
+    if bond is None:
+        return {}
+    return {
+        'elastic': bond.holds,
+        'elastic_reason': bond.reason,
+        'confirmed': bond.confirmation.share,
+        'views_asked': bond.confirmation.asked,
+        'views_matched': len(bond.matches),
+        'weakest_direction_m': bond.weakest,
+        'bend_m': bond.bend,
+        'walls_agree_rigid': bond.before,
+        'walls_agree_elastic': bond.after,
     }
 
 

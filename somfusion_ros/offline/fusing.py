@@ -9,13 +9,15 @@ from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.console import progress_bar, say
 from somfusion_ros.team.offline import fuse, Fusion
+from somfusion_ros.team.view_set import ViewSet
 
 
-def fuse_with_progress(grids: Mapping[str, Grid], config: FusionConfig, traced: bool) -> Fusion:
+def fuse_with_progress(grids: Mapping[str, Grid], config: FusionConfig, traced: bool,
+                       views: Mapping[str, ViewSet] | None = None) -> Fusion:
     """Fuse maps by robot, see `somfusion_ros.team.offline.fuse`, behind a progress bar."""
     pairs = len(grids) * (len(grids) - 1) // 2
     with progress_bar('aligning', pairs, 'pair') as bar:
-        return fuse(grids, config, traced, bar.update)
+        return fuse(grids, config, traced, bar.update, views=views)
 
 
 def draw(folder: Path, fusion: Fusion) -> None:

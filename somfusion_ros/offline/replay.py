@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`somfusion replay`: bags in; per robot a map and a trajectory, for a team the global map."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 import time
@@ -22,6 +22,10 @@ from somfusion_ros.offline.robot_run import RobotRun
 from somfusion_ros.offline.robot_runs import run_robots
 from somfusion_ros.offline.summary import tell_fusion, tell_robot
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.team.joint_map import along, draw_joint
+from somfusion_ros.team.offline import Fusion
+from somfusion_ros.team.view_facts import heard
+from somfusion_ros.team.view_set import ViewSet
 
 
 @dataclass(frozen=True)
@@ -59,8 +63,9 @@ def replay(bags: Sequence[str | Path], output: str | Path,
         for note in record['notes']:
             complain(f'{name}: {note}')
     fusion = fuse_with_progress({name: run.grid for name, run in runs.items()}, options.fusion,
-                                options.pictures)
+                                options.pictures, _views(runs))
     write_map(folder, fusion.global_map)
+    save_joint(folder, runs, fusion)
     record = {'command': 'replay', 'version': __version__, 'fusion_config': asdict(options.fusion),
               'robots': robots, **fusion_record(fusion), 'map': 'map.yaml',
               'seconds': time.perf_counter() - started}
@@ -71,6 +76,21 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     if options.bag:
         say(f'bag: {write_replay_bag(folder / "bag", runs, options.fusion)}')
     return record
+
+
+def _views(runs: Mapping[str, RobotRun]) -> dict[str, ViewSet]:
+    """Put every robot's views together as its peers hear of them; {} for a robot alone."""
+    return {name: heard(run.facts) for name, run in runs.items()} if len(runs) > 1 else {}
+
+
+def save_joint(folder: Path, runs: Mapping[str, RobotRun], fusion: Fusion) -> None:
+    """Write every robot's path and map at the joint solution, where there is one."""
+    for name, poses in fusion.elastic.poses.items() if fusion.elastic else ():
+        run, views = runs[name], fusion.views[name]
+        write_tum(folder / name / 'joint.tum', run.stamps,
+                  along(run.stamps, run.poses, run.held, views.poses, poses))
+        write_map(folder / name, draw_joint(fusion.views, fusion.elastic.poses,
+                                            run.grid.resolution, (name,)), 'joint_map')
 
 
 def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
@@ -88,6 +108,7 @@ def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
         'laser_pose': list(run.log.T_base_laser),
         'scans': len(ms),
         'views': len(run.views),
+        'view_bytes': run.facts.size,
         'distance': float(np.hypot(*np.diff(run.views[:, :2], axis=0).T).sum()),
         'recorded_seconds': run.recorded,
         'seconds': run.seconds,

@@ -13,6 +13,7 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.io.bags.log import BagError, Log
 from somfusion_ros.offline.fault_log import FaultLog
 from somfusion_ros.offline.history import History
+from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.pairing import Pairing
@@ -20,6 +21,8 @@ from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.session import Session
 from somfusion_ros.slam.step import Step
 from somfusion_ros.slam.trajectory import with_odometry
+from somfusion_ros.team.joint_map import Held
+from somfusion_ros.team.view_facts import Facts, tell
 
 PATIENCE = 1e9         # [s] that a scan of a log waits: all of its odometry will come
 MOST_WAITING = 20000   # scans of a log that may wait for odometry that was written later
@@ -31,10 +34,10 @@ class RobotRun:
     What came out of one robot's log.
 
     grid in the robot's map frame; stamps [s] and poses T_map_base (M,), (M, 3) of every scan
-    and of the odometry between them, and of the kept views (N,), (N, 3); counters by name; notes:
-    sentences on what was odd in the data;
-    milliseconds per scan (K,); recorded and computing time [s]; the history where it was asked
-    for.
+    and of the odometry between them, and of the kept views (N,), (N, 3); the views that
+    the robot hung on, and the facts that it tells of them; counters by name; notes: sentences on
+    what was odd in the data; milliseconds per scan (K,); recorded and computing time [s]; the
+    history where it was asked for.
     """
 
     log: Log
@@ -43,6 +46,8 @@ class RobotRun:
     poses: Array
     view_stamps: Array
     views: Array
+    held: Held
+    facts: Facts
     counters: dict[str, int]
     notes: list[str]
     milliseconds: Array
@@ -82,12 +87,20 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     grid = slam.grid()
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
+    checkpoint = slam.checkpoint()
     all_stamps, poses = dense(*slam.trajectory(), session.pairing.odometry)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
+                    Held.of(checkpoint.graph.track), _facts(checkpoint),
                     {**faults.counts, **slam.counters, **log.counters},
                     faults.notes(len(milliseconds)), np.asarray(milliseconds),
                     log.duration, seconds, history)
+
+
+def _facts(checkpoint: Checkpoint) -> Facts:
+    """Tell of a robot's views and constraints as it would tell its peers."""
+    graph = checkpoint.graph
+    return tell(graph.stamps, checkpoint.poses, graph.clouds, graph.constraints, graph.scans)
 
 
 def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, Array]:

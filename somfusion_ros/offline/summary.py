@@ -43,6 +43,9 @@ def tell_pair(pair: dict[str, Any]) -> None:
         f'{pair["probability"]:.3f}, V {pair["verification_index"]:.1f} %, overlap '
         f'{pair["overlap"]:.2f}, {sum(pair["seconds"].values()):.1f} s')
     say(f'  {pair["reason"]}')
+    if 'elastic' in pair:
+        say(f'  {"elastic" if pair["elastic"] else "rigid"}: {pair["elastic_reason"]}; '
+            f'{pair["views_matched"]} matches, bent by up to {pair["bend_m"]:.2f} m')
     if pair['transform'] is not None:
         say(f'  {"transform" if pair["accepted"] else "best found"}: '
             f'{pose_text(pair["transform"])}')

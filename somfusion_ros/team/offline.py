@@ -3,7 +3,7 @@
 """All maps of a team in, one world out: what the commands replay and merge have in common."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 from somfusion_ros.fusion.alignment import align, Alignment, Trace, trace
@@ -14,8 +14,11 @@ from somfusion_ros.fusion.measures import measure
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.elastic import ElasticTeam, straighten
 from somfusion_ros.team.global_map import merge_grids
 from somfusion_ros.team.graph import Solution, solve
+from somfusion_ros.team.joint_map import draw_joint
+from somfusion_ros.team.view_set import ViewSet
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +37,8 @@ class Fusion:
     The team's maps in one world.
 
     world holds T_world_map of the largest connected group, unconnected the other names; V [%]
-    of all its overlapping maps, None where it is one map alone.
+    of all its overlapping maps, None where it is one map alone. views and elastic: the views of
+    the group, and where they lie in the world, None where there are none.
     """
 
     pairs: list[PairResult]
@@ -43,13 +47,16 @@ class Fusion:
     unconnected: list[str]
     global_map: Grid
     verification_index: float | None
+    views: Mapping[str, ViewSet] = field(default_factory=dict)
+    elastic: ElasticTeam | None = None
 
 
 def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: bool = True,
          on_pair: Callable[[], object] = lambda: None,
-         cache: FusionCache | None = None) -> Fusion:
+         cache: FusionCache | None = None,
+         views: Mapping[str, ViewSet] | None = None) -> Fusion:
     """
-    Align every pair of maps, solve the team's graph, and sum the maps of its largest group.
+    Align every pair of maps, solve the team's graph, and draw the maps of its largest group.
 
     Parameters
     ----------
@@ -58,6 +65,7 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
     traced : keep the intermediate products of every pair, for the report
     on_pair : called after every pair
     cache : what was learned of the maps before
+    views : by robot; with them the maps are bent until they fit, without they are summed
     """
     pairs, cache = [], cache or FusionCache()
     names = sorted(grids, key=list(grids).index)
@@ -69,8 +77,11 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
                    for p in pairs if p.alignment.accepted]
     solution = solve(names, constraints)
     world = dict(solution.groups[0])
-    return Fusion(pairs, solution, world, [n for n in names if n not in world],
-                  merge_grids(grids, world), _whole_index(grids, world, config, cache))
+    elastic = straighten(views, world) if views and len(world) > 1 else None
+    drawn = (merge_grids(grids, world) if elastic is None else
+             draw_joint(views, elastic.poses, min(grids[name].resolution for name in world)))
+    return Fusion(pairs, solution, world, [n for n in names if n not in world], drawn,
+                  _whole_index(grids, world, config, cache), views or {}, elastic)
 
 
 def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,

@@ -147,3 +147,19 @@ def test_tum_roundtrip(tmp_path: Path) -> None:
     assert back[1] == pytest.approx(poses, abs=1e-6)
     write_tum(tmp_path / 'b.tum', [], np.zeros((0, 3)))
     assert read_tum(tmp_path / 'b.tum')[1].shape == (0, 3)
+
+
+def test_the_team_gets_one_elastic_map(result: tuple[Path, dict], bags: tuple) -> None:
+    folder, record = result
+    pair = record['pairs'][0]
+    assert pair['elastic'], pair['elastic_reason']
+    assert pair['confirmed'] >= 0.75
+    assert pair['views_matched'] >= 3
+    assert pair['weakest_direction_m'] < 0.1
+    assert pair['bend_m'] < 0.2          # the room is small
+    first = record['robots']['robot1']
+    assert 50 < first['view_bytes'] / first['views'] < 1000
+    for robot in ('robot1', 'robot2'):
+        stamps, _ = read_tum(folder / robot / 'joint.tum')
+        assert np.array_equal(stamps, read_tum(folder / robot / 'trajectory.tum')[0])
+        assert read_map(folder / robot / 'joint_map.yaml').occupied.any()

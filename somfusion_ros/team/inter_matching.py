@@ -1,0 +1,108 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Matches between robots: the views of one against local maps of the other.
+
+A view is matched as a loop of one robot is (`slam.loop_matching`): what four views saw together
+against the surface that nine views of the peer saw, around where the joint solution has them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from somfusion_ros.geometry import apply, Array, between
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam import loop_matching
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.loops import Candidate
+from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.team.joint import InterMatch
+from somfusion_ros.team.view_set import ViewSet
+
+
+@dataclass(frozen=True)
+class MatchingSettings:
+    """How views are matched with a peer's."""
+
+    every: int = tuned(2, 'views', 'of the source one in so many is matched; four are matched '
+                       'together', 'shared teams: each and every 4th do as well')
+    reach: float = tuned(4.0, 'm', 'between the surfaces that two views saw, at most',
+                         'shared teams: 6 m is no better')
+    candidates: int = tuned(2, 'places', 'of the peer that a view is matched against',
+                            'shared teams: 3 are no better')
+    apart: int = tuned(10, 'views', 'between two such places', 'shared teams')
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """How far from where they lie views are sought, round by round."""
+
+    sigmas: tuple[tuple[float, float], ...] = tuned(
+        ((0.5, 0.06), (0.15, 0.03), (0.05, 0.015)), 'm, rad',
+        'within which views are sought; one near round alone misses bent places', 'shared teams')
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Views of one robot at their poses (n, 3) in the world."""
+
+    name: str
+    views: ViewSet
+    poses: Array
+
+    @property
+    def seen(self) -> Array:
+        """Centres (n, 2) [m] of what the views saw, in the world."""
+        c, s = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
+        x, y = self.views.centres.T
+        return self.poses[:, :2] + np.column_stack([c * x - s * y, s * x + c * y])
+
+
+class Surroundings:
+    """Local maps around a robot's views at their poses in the world, made when asked for."""
+
+    def __init__(self, placed: Placed) -> None:
+        self._placed = placed
+        self._made: dict[int, LocalMap] = {}
+
+    def __call__(self, view: int) -> LocalMap:
+        """Local map around a view, in its frame."""
+        if view not in self._made:
+            placed = self._placed
+            self._made[view] = loop_matching.local_map(
+                view, len(placed.views) - 1, placed.poses, placed.views.clouds)
+        return self._made[view]
+
+
+def match_views(target: Placed, source: Placed, sigma: tuple[float, float],
+                settings: MatchingSettings, config: SlamConfig) -> list[InterMatch]:
+    """Match the source's views with the target's, expected within sigma [m] [rad]."""
+    around = Surroundings(target)
+    found = []
+    for new in range(0, len(source.views), settings.every):
+        seen: Cloud | None = None
+        for old in nearest(target, source, new, settings):
+            if seen is None:
+                seen = loop_matching.recent(new, source.poses, source.views.clouds)
+            expected = between(target.poses[old], source.poses[new])
+            candidate = Candidate(old, expected, np.array([sigma[0], sigma[0], sigma[1]]))
+            loop = loop_matching.match(candidate, new, seen, around, config)
+            if loop is not None:
+                found.append(InterMatch(target.name, old, source.name, new, loop.constraint.z,
+                                        loop.constraint.R))
+    return found
+
+
+def nearest(target: Placed, source: Placed, new: int, settings: MatchingSettings) -> list[int]:
+    """Target views whose surface lies nearest to that of source view `new`."""
+    centre = apply(source.poses[new], source.views.centres[new][None])
+    distance = np.hypot(*(target.seen - centre).T)
+    distance += 0.5 * np.hypot(*(target.poses[:, :2] - source.poses[new, :2]).T)
+    chosen: list[int] = []
+    for old in np.argsort(distance, kind='stable'):
+        if len(chosen) == settings.candidates or distance[old] > settings.reach:
+            break
+        if all(abs(int(old) - c) >= settings.apart for c in chosen):
+            chosen.append(int(old))
+    return chosen

@@ -1,0 +1,204 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a robot tells of its own path: views and constraints, as bytes and back.
+
+A view fact carries the step from a view before it, so that the views of a robot are one path;
+other constraints of its own, its loops, are facts by themselves, and so are scans between two
+views, which are only drawn: a map of views alone knows a sixth to a third less. Whoever solves,
+also the robot itself, uses what the bytes say: the same facts then give the same map everywhere.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+import struct
+
+import numpy as np
+from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.mapping import MapScan
+from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.team.beam_code import decode_beams, encode_beams
+from somfusion_ros.team.view_set import ViewSet
+
+
+@dataclass(frozen=True)
+class FactLimits:
+    """What is told of a path, and what is believed of what came."""
+
+    spacing: float = tuned(0.2, 'm, rad', 'between scans that are told to be drawn: at 0.1 they '
+                           'cost twice as much, without any the map knows up to a third less',
+                           'mines, wean, Intel and CSAIL')
+    farthest: float = tuned(1e5, 'm', 'from the origin of a map', 'by design')
+    nearest: float = tuned(100.0, 'm', 'from its view that a scan may lie', 'by design')
+    least: tuple[float, float] = tuned((1e-3, 5e-4), 'm, rad', 'sigma that is believed of a '
+                                       'constraint at least; as of any match', 'by design')
+    largest_variance: float = tuned(1e8, 'm^2', 'of a constraint that says anything',
+                                    'by design')
+
+
+TUNING = FactLimits()
+MAX_VIEWS = 100_000                  # of one robot in one epoch
+VIEW = struct.Struct('<Id3f')        # number, stamp, pose T_map_view
+SCAN = struct.Struct('<I3f')         # view, T_view_base
+CONSTRAINT = struct.Struct('<II9f')  # views, z, upper triangle of R
+UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a robot tells of its path, packed: views, constraints of loops, scans between."""
+
+    views: tuple[bytes, ...] = ()
+    loops: tuple[bytes, ...] = ()
+    between: tuple[bytes, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Bytes in all."""
+        return sum(len(fact) for kind in (self.views, self.loops, self.between) for fact in kind)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFact:
+    """A view: its number, stamp [s], pose T_map_view (3,) when told, beams, the step to it."""
+
+    number: int
+    stamp: float
+    pose: Array
+    beams: bytes
+    step: Constraint | None
+
+    def encode(self) -> bytes:
+        """Pack the fact."""
+        head = VIEW.pack(self.number, self.stamp, *self.pose)
+        step = encode_constraint(self.step) if self.step else b''
+        return head + step + self.beams
+
+
+def decode_view(data: bytes) -> ViewFact:
+    """Unpack a view; ValueError, with one line, where it is damaged or absurd."""
+    if len(data) < VIEW.size:
+        raise ValueError('a view is cut short')
+    number, stamp, *pose = VIEW.unpack_from(data)
+    if not (np.isfinite([stamp, *pose]).all() and np.abs(pose).max() < TUNING.farthest):
+        raise ValueError('a view lies nowhere')
+    if number >= MAX_VIEWS:
+        raise ValueError(f'view {number} is over {MAX_VIEWS}')
+    rest, step = data[VIEW.size:], None
+    if number:
+        step, rest = decode_constraint(rest[:CONSTRAINT.size]), rest[CONSTRAINT.size:]
+        if step.second != number or step.first >= number:
+            raise ValueError(f'view {number} does not follow a view before it')
+    return ViewFact(number, stamp, np.array(pose), rest, step)
+
+
+def encode_constraint(constraint: Constraint) -> bytes:
+    """Pack a constraint between two views of one robot: 44 bytes."""
+    return CONSTRAINT.pack(constraint.first, constraint.second, *constraint.z,
+                           *constraint.R[UPPER])
+
+
+def decode_constraint(data: bytes) -> Constraint:
+    """
+    Unpack a constraint; ValueError where it is damaged or absurd.
+
+    Its covariance is positive definite: a claim to know better than the least is not believed.
+    """
+    if len(data) != CONSTRAINT.size:
+        raise ValueError('a constraint is cut short')
+    first, second, *numbers = CONSTRAINT.unpack(data)
+    z, upper = np.array(numbers[:3]), np.array(numbers[3:])
+    if first == second or max(first, second) >= MAX_VIEWS:
+        raise ValueError(f'a constraint joins views {first} and {second}')
+    if not (np.isfinite(numbers).all() and np.abs(z).max() < TUNING.farthest):
+        raise ValueError('a constraint is not finite')
+    return Constraint(first, second, np.array([z[0], z[1], wrap(z[2])]), believed(upper))
+
+
+def encode_scan(scan: MapScan) -> bytes:
+    """Pack a scan that hangs on a view."""
+    return SCAN.pack(scan.view, *scan.T_view_base) + encode_beams(scan.cloud.outline)
+
+
+def decode_scan(data: bytes) -> MapScan:
+    """Unpack a scan that hangs on a view; ValueError where it is damaged or absurd."""
+    if len(data) < SCAN.size:
+        raise ValueError('a scan is cut short')
+    view, *pose = SCAN.unpack_from(data)
+    if view >= MAX_VIEWS or not (np.isfinite(pose).all() and np.abs(pose).max() < TUNING.nearest):
+        raise ValueError('a scan hangs on nothing')
+    return MapScan(view, np.array(pose), decode_beams(data[SCAN.size:]))
+
+
+def believed(upper: Array) -> Array:
+    """Covariance (3, 3), no less than believed, of its triangle (6,); ValueError if absurd."""
+    R = np.zeros((3, 3))
+    R[UPPER] = upper
+    R = R + R.T - np.diag(np.diag(R))
+    if not 0.0 < np.diag(R).min() <= np.diag(R).max() < TUNING.largest_variance:
+        raise ValueError('a covariance is absurd')
+    scale = np.sqrt(np.diag(R))
+    values, vectors = np.linalg.eigh(R / np.outer(scale, scale))
+    if values[0] < -1e-3:
+        raise ValueError('a covariance is not positive')
+    R = ((vectors * np.maximum(values, 1e-6)) @ vectors.T) * np.outer(scale, scale)
+    floor = np.array([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2
+    return R + np.diag(np.maximum(floor - np.diag(R), 0.0))
+
+
+def tell(stamps: Sequence[float], poses: Array, clouds: Sequence[Cloud],
+         constraints: Iterable[Constraint], scans: Iterable[MapScan] = ()) -> Facts:
+    """
+    Tell of a robot's path: its views, and those of its constraints that are not of the chain.
+
+    Parameters
+    ----------
+    stamps, poses, clouds : of n views: [s], (n, 3) T_map_view, and what they saw
+    constraints : between these views, in the order in which they were found
+    scans : kept for the robot's own map, in order; of those between views some are told
+    """
+    steps: dict[int, Constraint] = {}
+    closing = []
+    for constraint in constraints:
+        if constraint.second == len(steps) + 1:     # the first that leads to a view
+            steps[constraint.second] = constraint
+        else:
+            closing.append(encode_constraint(constraint))
+    views = [ViewFact(k, stamp, pose, encode_beams(cloud.outline), steps.get(k)).encode()
+             for k, (stamp, pose, cloud) in enumerate(zip(stamps, poses, clouds, strict=True))]
+    between = [encode_scan(scan) for scan in _spaced(scans, clouds)]
+    return Facts(tuple(views), tuple(closing), tuple(between))
+
+
+def _spaced(scans: Iterable[MapScan], clouds: Sequence[Cloud]) -> Iterator[MapScan]:
+    """Yield scans between views, spaced from one another and from the view before."""
+    last, view = np.zeros(3), -1
+    for scan in scans:
+        if scan.view != view:
+            last, view = np.zeros(3), scan.view
+        x, y, theta = scan.T_view_base - last
+        far = max(np.hypot(x, y), abs(wrap(theta))) >= TUNING.spacing
+        if far and scan.cloud is not clouds[view]:
+            last = scan.T_view_base
+            yield scan
+
+
+def heard(told: Facts) -> ViewSet:
+    """
+    Put a robot's facts together; ValueError where they do not fit.
+
+    Views after the first that is missing, and constraints of such views, wait.
+    """
+    facts = {fact.number: fact for fact in map(decode_view, told.views)}
+    count = next((k for k in range(len(facts)) if k not in facts), len(facts))
+    chain = [facts[k] for k in range(count)]
+    own = [decode_constraint(loop) for loop in told.loops]
+    return ViewSet(
+        np.array([fact.stamp for fact in chain]),
+        np.array([fact.pose for fact in chain]).reshape(-1, 3),
+        [decode_beams(fact.beams) for fact in chain],
+        [fact.step for fact in chain if fact.step],
+        [r for r in own if max(r.first, r.second) < count],
+        [scan for scan in map(decode_scan, told.between) if scan.view < count])

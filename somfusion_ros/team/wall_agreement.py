@@ -1,0 +1,50 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How well the walls of two maps in one frame agree, whatever the truth may be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+from somfusion_ros.geometry import Array
+from somfusion_ros.grid import Grid
+from somfusion_ros.settings import tuned
+
+
+@dataclass(frozen=True)
+class AgreementTuning:
+    """When walls agree."""
+
+    near: float = tuned(0.10, 'm', 'between walls that are the same wall', 'by design')
+
+
+TUNING = AgreementTuning()
+FEWEST = 20      # wall cells that say anything
+
+
+def wall_agreement(first: Grid, second: Grid) -> float:
+    """
+    Share of the walls of either map that lie near a wall of the other, the worse of both ways.
+
+    Only wall cells count that lie on cells which the other map knows; NaN where there are few.
+    """
+    return min(_one_way(first, second), _one_way(second, first))
+
+
+def _one_way(grid: Grid, other: Grid) -> float:
+    """Share of the wall cells of a map, on known cells of the other, near the other's walls."""
+    walls = grid.points(grid.occupied)
+    walls = walls[_known(walls, other)]
+    theirs = other.points(other.occupied)
+    if len(walls) < FEWEST or not len(theirs):
+        return float('nan')
+    distance, _ = cKDTree(theirs).query(walls, distance_upper_bound=TUNING.near)
+    return float(np.isfinite(distance).mean())
+
+
+def _known(points: Array, grid: Grid) -> Array:
+    """Mask (N,) of the points (N, 2) on cells that a map calls free or a wall."""
+    cells = grid.point_to_cell(points)
+    inside = ((cells >= 0) & (cells < grid.shape)).all(1)
+    cells = np.where(inside[:, None], cells, 0)
+    return inside & (grid.free | grid.occupied)[tuple(cells.T)]
