@@ -5,6 +5,7 @@
 import ast
 from functools import cache
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -113,6 +114,11 @@ def test_imports_make_no_ring() -> None:
             break
         graph = {name: targets for name, targets in graph.items() if name not in leaves}
     assert not graph, f'these import one another: {sorted(graph)}'
+
+
+def test_the_document_shows_every_room() -> None:
+    text = (ROOT / 'doc' / 'architecture.md').read_text(encoding='utf-8')
+    assert not {room for room in FLOORS if not re.search(rf'\b{room}\b', text)}
 
 
 @each_file

@@ -58,7 +58,10 @@ def test_versions_are_equal() -> None:
     in_setup = re.search(r"version='([\d.]+)'", SETUP).group(1)
     changes = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
     newest = re.search(r'^(\d+\.\d+\.\d+) \(', changes, re.MULTILINE).group(1)
+    citation = (ROOT / 'CITATION.cff').read_text(encoding='utf-8')
+    cited = re.search(r'^version: (\S+)$', citation, re.MULTILINE).group(1)
     assert MANIFEST.find('version').text == in_setup == somfusion_ros.__version__ == newest
+    assert cited == newest
 
 
 def test_descriptions_and_licences_agree() -> None:
@@ -110,14 +113,34 @@ def test_scripts_go_where_ros2_run_looks() -> None:
     assert (ROOT / 'resource' / 'somfusion_ros').exists()
 
 
-def test_readme_begins_with_the_two_commands_and_its_links_lead_somewhere() -> None:
+DOCUMENTS = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'benchmarks' / 'DATASETS.md',
+             *sorted((ROOT / 'doc').glob('*.md'))]
+
+
+@pytest.mark.parametrize('document', DOCUMENTS, ids=lambda p: p.name)
+def test_links_lead_somewhere(document: Path) -> None:
+    text = document.read_text(encoding='utf-8')
+    links = re.findall(r'\]\(([^)#\s]+)(?:#[^)]*)?\)', text)
+    assert not [link for link in links if not link.startswith('http')
+                and not (document.parent / link).exists()]
+
+
+@pytest.mark.parametrize('document', DOCUMENTS, ids=lambda p: p.name)
+def test_files_that_documents_name_exist(document: Path) -> None:
+    """Names of modules are given below the package, below the root, or beside one another."""
+    text = document.read_text(encoding='utf-8')
+    named = set(re.findall(r'`((?:[\w.]+/)+[\w.]+\.(?:py|md|yaml|xml|json))`', text))
+    roots = (ROOT, ROOT / 'somfusion_ros', ROOT / 'benchmarks', document.parent)
+    example = {'fusion/doorways.py', 'test/unit/test_doorways.py'}   # of adding_a_stage.md
+    assert not {name for name in named - example
+                if not any((root / name).exists() for root in roots)}
+
+
+def test_readme_begins_with_the_two_commands() -> None:
     text = (ROOT / 'README.md').read_text(encoding='utf-8')
     first = text.index('```sh')
     assert text[first:first + 200].split('\n')[1].startswith('make demo')
     assert text[first:first + 200].split('\n')[2].startswith('make test')
-    links = re.findall(r'\]\(([^)#]+)\)', text)
-    assert links
-    assert not [link for link in links if not (ROOT / link).exists()]
 
 
 def test_readme_names_every_topic_and_service_of_the_nodes() -> None:
