@@ -146,7 +146,8 @@ def test_readme_begins_with_the_two_commands() -> None:
 def test_readme_names_every_topic_and_service_of_the_nodes() -> None:
     text = (ROOT / 'README.md').read_text(encoding='utf-8')
     known = {value for name, value in vars(names).items()
-             if name.isupper() and isinstance(value, str) and not name.endswith(('_TYPE', '_SUFFIX'))}
+             if name.isupper() and isinstance(value, str)
+             and not name.endswith(('_TYPE', '_SUFFIX'))}
     assert {'scan', 'odom', 'map', 'encounters', '~/reset'} <= known
     told = {name for name in known if not name.startswith('team/')}   # those: doc/team.md
     assert not [name for name in sorted(told) if f'`{name}`' not in text]

@@ -82,5 +82,6 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
               'age_of_odometry_s': now - last.odometry_heard,
               'pose_sigma_x_m': sigma[0], 'pose_sigma_y_m': sigma[1],
               'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
-    warning = 'paused: new scans are left out' if last.paused else silence(last, now, slam.counters['views'])[1]
+    _, silent = silence(last, now, slam.counters['views'])
+    warning = 'paused: new scans are left out' if last.paused else silent
     return status(node, namespace, values, warning)
