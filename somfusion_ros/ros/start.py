@@ -24,12 +24,20 @@ def start(module: str) -> int:
 
 def slam_node() -> int:
     """Run slam_node."""
-    return start('somfusion_ros.ros.slam.node')
+    return help_for('slam_node') or start('somfusion_ros.ros.slam.node')
 
 
 def fusion_node() -> int:
     """Run fusion_node."""
-    return start('somfusion_ros.ros.fusion.node')
+    return help_for('fusion_node') or start('somfusion_ros.ros.fusion.node')
+
+
+def help_for(node: str) -> int:
+    """Write how a node is used, and end, where that is asked for."""
+    if not {'-h', '--help'} & set(sys.argv[1:]):
+        return 0
+    sys.stdout.write(import_module('somfusion_ros.ros.common.usage').usage(node))
+    raise SystemExit(0)
 
 
 def player() -> int:

@@ -22,6 +22,7 @@ from rclpy.exceptions import InvalidParameterValueException  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from somfusion_ros.ros.common import parameters  # noqa: E402
+from somfusion_ros.ros.common.parameter_sets import SETS  # noqa: E402
 from somfusion_ros.ros.common.parameter_yaml import (FILES, main, parameter_file,  # noqa: E402
                                                      scalar)
 
@@ -145,7 +146,7 @@ def test_yaml_reads_the_same_value_and_type(value: object) -> None:
 def test_ros_reads_the_files_in_any_namespace(name: str, context: rclpy.Context) -> None:
     node = Node('any_name', context=context, namespace='/fleet/robot7', cli_args=[
         '--ros-args', '--params-file', str(ROOT / 'config' / name)])
-    for config in FILES[name][1].values():
+    for config in SETS[FILES[name][0]].values():
         assert parameters.declare(node, config) == config()
     node.destroy_node()
 

@@ -17,6 +17,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
 from somfusion_ros.ros.common.entities import Entities
+from somfusion_ros.ros.common.parameters import warn_of_unknown
 
 DEACTIVATION_TIMEOUT = 30.0   # [s] that the threads are given to finish their piece of work
 Answer = tuple[bool, str]     # whether a job went well, and its result or the reason
@@ -54,6 +55,19 @@ class ManagedNode(LifecycleNode):
 
     def count_error(self, error: Exception) -> None:
         """Count an error that nobody foresaw."""
+
+    def begin(self, arguments: list[str]) -> None:
+        """
+        Name what was given in vain, then configure and activate, unless a manager is to do it.
+
+        arguments: of the command line, that ROS did not take.
+        """
+        for argument in arguments:
+            hint = ': parameters follow --ros-args -p' if ':=' in argument else ''
+            self.get_logger().warning(f'the argument {argument} has no effect{hint}')
+        warn_of_unknown(self)
+        if self.get_parameter('autostart').value:
+            self.autostart()
 
     def autostart(self) -> None:
         """Configure and activate; ValueError with the reason where that fails."""

@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Writes config/*.yaml out of the config dataclasses, so that words and defaults stand only there.
+Write config/*.yaml from the config dataclasses, so that words and defaults stand only there.
 
 `python -m somfusion_ros.ros.common.parameter_yaml config` renews both files after a change.
 """
@@ -12,36 +12,29 @@ import sys
 from textwrap import wrap
 from typing import Any
 
-from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
-from somfusion_ros.slam.config import SlamConfig
-from somfusion_ros.team.config import TeamConfig
+from somfusion_ros.ros.common.parameter_sets import SETS
 
 WIDTH = 95
 INDENT = ' ' * 4
 FILES = {
     'slam.yaml': (
-        'Parameters of slam_node. You do not need this file: these are the defaults. Copy the '
-        'lines that you change. The wildcard takes the node in any namespace, so one file serves '
-        'every robot. Those of the SLAM, and those marked live, can be changed while the node '
-        'runs (ros2 param set); the others are read at the start.',
-        {'The node: frames, times, odometry, files': SlamNodeConfig,
-         'SLAM: scans, views, loops, map': SlamConfig}),
+        'slam_node', 'Parameters of slam_node. You do not need this file: these are the defaults. '
+        'Copy the lines that you change. The wildcard takes the node in any namespace, so one '
+        'file serves every robot. Those of the SLAM, and those marked live, can be changed while '
+        'the node runs (ros2 param set); the others are read at the start.'),
     'fusion.yaml': (
-        'Parameters of fusion_node. You do not need this file: these are the defaults. Copy the '
-        'lines that you change. Those of the merge of two maps can be changed while the node '
-        'runs (ros2 param set); the others are read at the start.',
-        {'The node: names, topics, rates, files': FusionNodeConfig,
-         'The team: when pairs are matched, start poses, bodies': TeamConfig,
-         'The merge of two maps: method, confidence, detail': FusionConfig}),
+        'fusion_node', 'Parameters of fusion_node. You do not need this file: these are the '
+        'defaults. Copy the lines that you change. Those of the merge of two maps, and those '
+        'marked live, can be changed while the node runs (ros2 param set); the others are read '
+        'at the start.'),
 }
 
 
 def parameter_file(name: str) -> str:
     """Text of one YAML file."""
-    introduction, sections = FILES[name]
+    node, introduction = FILES[name]
     lines = [*comment(introduction, ''), '/**:', '  ros__parameters:']
-    for title, config in sections.items():
+    for title, config in SETS[node].items():
         lines += ['', f'{INDENT}# ---- {title} ----']
         for item in fields(config):
             lines += ['', *comment(sentence(item), INDENT),

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters declared from the config dataclasses: defaults and descriptions live there."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, Field, fields, replace
 from difflib import get_close_matches
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
+from somfusion_ros.ros.common.parameter_sets import names_of, SETS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -75,7 +76,7 @@ def as_yaml(config: Any) -> dict[str, Any]:
 
 
 def unknown(given: Iterable[str], declared: Iterable[str],
-            elsewhere: dict[str, Iterable[str]]) -> list[str]:
+            elsewhere: Mapping[str, Iterable[str]]) -> list[str]:
     """
     Name every parameter that was given but does not exist, with the nearest one that does.
 
@@ -101,9 +102,14 @@ def unknown(given: Iterable[str], declared: Iterable[str],
     return said
 
 
-def given_to(node: Any) -> set[str]:
-    """Names of all parameters that the command line and parameter files give a node."""
-    return set(node._parameter_overrides)   # rclpy has no public way to ask
+def warn_of_unknown(node: Any) -> None:
+    """Log every parameter that was given to a node but that it does not have."""
+    own = node.get_name() if node.get_name() in SETS else ''
+    elsewhere = {other: names_of(other) for other in SETS if other != own}
+    # rclpy has no public way to ask what was given.
+    for sentence in unknown(node._parameter_overrides, node.get_parameters_by_prefix(''),
+                            elsewhere):
+        node.get_logger().warning(sentence)
 
 
 def _to_ros(value: Any) -> Any:

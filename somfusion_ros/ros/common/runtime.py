@@ -46,8 +46,8 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make_node(stop)
-        if hasattr(node, 'autostart') and node.get_parameter('autostart').value:
-            node.autostart()
+        if hasattr(node, 'begin'):
+            node.begin(plain_args(args))
     except (ValueError, ParameterException) as error:
         rclpy.logging.get_logger('somfusion_ros').fatal(str(error))
         rclpy.try_shutdown()

@@ -24,8 +24,8 @@ def file_stem(directory: str, name: str, namespace: str, kind: str) -> Path:
     for ending in ENDINGS:
         chosen = chosen.removesuffix(ending)
     path = Path(directory).expanduser() / Path(chosen).expanduser()
-    if not path.name or chosen.endswith('/'):
-        raise ValueError(f'{chosen!r} names no file')
+    if not chosen or not path.name or chosen.endswith('/'):
+        raise ValueError(f'{name!r} names no file')
     return path.resolve()
 
 
