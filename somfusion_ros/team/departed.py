@@ -4,14 +4,17 @@
 What the team knows of robots that are gone, for those who come later.
 
 A robot that left, died or is out of reach has mapped something and joined maps. Who knew it tells
-the others so, and hands its map on when asked. Of several who knew the same robot, the one that
-knows most of its map counts, then the one whose name sorts first, so that all agree.
+the others so, and hands its map on when asked. Where the words differ on which map it had, the
+one that most robots name counts. Of those who knew that map, the one that knows most of it counts,
+then the one whose name sorts first, so that all agree. A robot of whose map nothing is left is
+forgotten.
 """
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.shared_map import SharedMap
@@ -19,11 +22,12 @@ from somfusion_ros.team.shared_map import SharedMap
 
 @dataclass(frozen=True, eq=False)
 class DepartedRobot:
-    """A robot that is gone, how many cells of its map are known, and what it had accepted."""
+    """A robot that is gone, which map it had, how many cells are known, what it had accepted."""
 
     robot: str
     known: int
     constraints: tuple[MapConstraint, ...] = ()
+    epoch: Epoch = Epoch()
 
 
 class DepartedRobots:
@@ -48,34 +52,38 @@ class DepartedRobots:
     def update(self, present: Collection[str]) -> None:
         """Agree with the peers that are present on what is left of those that are not."""
         team = self._team
-        mine = {robot: DepartedRobot(robot, self._cells(robot), team.heard_of(robot))
-                for robot in team.maps.keys() - set(present) - {team.name}}
-        best = self._best(mine, present)
+        mine = {robot: self._mine(robot) for robot in team.maps.keys() - {*present, team.name}}
+        words = self._words(mine, present)
         self.sources = {}
-        for robot, (owner, gone) in best.items():
+        for robot, said in words.items():
+            owner, gone = _agreed(said)
             if owner != team.name:
+                team.begin(robot, gone.epoch)
                 team.hear(robot, gone.constraints)
-                if robot not in mine or gone.known > mine[robot].known:
+                if robot not in team.maps or gone.known > mine[robot].known:
                     self.sources[robot] = owner
-        self.known = tuple(DepartedRobot(robot, mine[robot].known, team.heard_of(robot))
-                           for robot in sorted(mine))
+        for robot in team.epochs.keys() - {*present, *words, team.name}:
+            team.forget(robot)
+        self.known = tuple(self._mine(robot) for robot in sorted(mine.keys() & team.maps.keys()))
 
     def maps(self) -> Mapping[str, SharedMap]:
         """Return the maps of the absent robots, by name."""
         return {gone.robot: self._team.maps[gone.robot] for gone in self.known}
 
-    def _best(self, mine: Mapping[str, DepartedRobot],
-              present: Collection[str]) -> dict[str, tuple[str, DepartedRobot]]:
-        """Choose whose word on each absent robot counts: by its name, who says it, and what."""
-        best = {robot: (self._team.name, gone) for robot, gone in mine.items()}
-        for owner in sorted(set(present) & self._offers.keys()):
+    def _mine(self, robot: str) -> DepartedRobot:
+        """Say what the robot itself knows of an absent one."""
+        return DepartedRobot(robot, self._cells(robot), self._team.heard_of(robot),
+                             self._team.epochs[robot])
+
+    def _words(self, mine: Mapping[str, DepartedRobot], present: Collection[str],
+               ) -> dict[str, list[tuple[str, DepartedRobot]]]:
+        """Collect who says what of every absent robot, by its name."""
+        words = {robot: [(self._team.name, gone)] for robot, gone in mine.items()}
+        for owner in sorted({*present} & self._offers.keys()):
             for gone in self._offers[owner]:
-                if gone.robot in present or gone.robot == self._team.name:
-                    continue
-                held = best.get(gone.robot)
-                if held is None or (-gone.known, owner) < (-held[1].known, held[0]):
-                    best[gone.robot] = owner, gone
-        return best
+                if gone.robot not in present and gone.robot != self._team.name and gone.known:
+                    words.setdefault(gone.robot, []).append((owner, gone))
+        return words
 
     def _cells(self, robot: str) -> int:
         """Count the known cells of a robot's map, once per map."""
@@ -85,3 +93,11 @@ class DepartedRobots:
             counted = shared, int(np.count_nonzero(shared.grid.known))
             self._counted[robot] = counted
         return counted[1]
+
+
+def _agreed(said: list[tuple[str, DepartedRobot]]) -> tuple[str, DepartedRobot]:
+    """Choose the word that counts among those of several robots on one that is gone."""
+    names = [gone.epoch for _, gone in said]
+    epoch = max(sorted(set(names), key=str), key=names.count)
+    return min(((owner, gone) for owner, gone in said if gone.epoch == epoch),
+               key=lambda word: (-word[1].known, word[0]))

@@ -8,46 +8,20 @@ all robots that know the same pairs agree on it without a vote.
 """
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.settings import tuned
-from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, with_drift
 from somfusion_ros.team.pose_graph import chi2_from, component, Estimate, optimise, PoseGraph
+from somfusion_ros.team.voices import one_voice_each
 
-SUSPECTS = 12      # constraints of the largest residuals that are tried for leaving out
-
-
-@dataclass(frozen=True)
-class GraphTuning:
-    """What explains a disagreement between maps."""
-
-    drift_sigma_xy: float = tuned(
-        0.2, 'm', 'two maps of one place bend apart by this much, so that no constraint is better '
-        'known; smaller calls bent maps a contradiction, larger lets wrong pairs pass',
-        'benchmarks/team/network.py on mines, wean, Intel and CSAIL')
-    drift_sigma_theta: float = tuned(
-        float(np.radians(1.0)), 'rad', 'the same for the heading; it is felt as translation over '
-        'the distance of the two origins as well',
-        'benchmarks/team/network.py on mines, wean, Intel and CSAIL')
-    contradiction: float = tuned(
-        0.999, '', 'chance with which noise alone stays below the gate of chi-square; nearer to 1 '
-        'leaves less out', 'by design')
-
-
-TUNING = GraphTuning()
-
-
-@dataclass(frozen=True, eq=False)
-class Dropped:
-    """A constraint that contradicts the others, and a sentence why."""
-
-    constraint: MapConstraint
-    reason: str
+SUSPECTS = 12         # constraints of the largest residuals that are tried for leaving out
+NAMED = 8             # robots that a reason names
+CONTRADICTIONS = 3    # of one author that are left out one by one; then all that it says is
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,23 +47,40 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     Place every robot's map in the world of its connected group.
 
     Constraints that contradict the cycles they close are left out one by one, until noise and the
-    drift of maps explain what remains (pairwise consistency, as in Kimera-Multi).
+    drift of maps explain what remains (pairwise consistency, as in Kimera-Multi). Of an author
+    whose constraints contradict again and again all is left out, so that the time is bounded.
 
     Parameters
     ----------
     robots : names; a robot without a constraint is a group of its own
-    constraints : accepted pairs, several per pair allowed
+    constraints : accepted pairs, several per pair allowed; every author has one voice per pair
     """
-    names, kept = sorted(set(robots)), sorted(constraints, key=lambda e: (e.target, e.source))
-    _check(names, kept)
+    names, said = sorted(set(robots)), sorted(constraints, key=lambda c: (c.robots, c.author))
+    _check(names, said)
+    voices, dropped = one_voice_each(said)
+    while True:
+        solution = _place(names, voices)
+        dropped += solution.dropped
+        wrong = Counter(one.constraint.author for one in solution.dropped)
+        liars = {author for author, count in wrong.items() if author and count > CONTRADICTIONS}
+        if not liars:
+            return Solution(solution.groups, solution.covariances, tuple(dropped))
+        dropped += [Dropped(one, f'all that {one.author} says is left out: over '
+                            f'{CONTRADICTIONS} of its pairs contradict the others')
+                    for one in voices if one.author in liars]
+        voices = [one for one in voices if one.author not in liars]
+
+
+def _place(names: list[str], voices: Sequence[MapConstraint]) -> Solution:
+    """Solve every connected group; stop leaving out where one author is wrong too often."""
     groups: list[dict[str, Pose]] = []
     covariances: dict[str, Array] = {}
     dropped: list[Dropped] = []
     left = list(names)
+    pairs = _numbered(names, voices)
     while left:
-        pairs = _numbered(names, kept)
         members = [names[i] for i in component(len(names), pairs, names.index(left[0]))]
-        inside = [c for c in kept if c.target in members]
+        inside = [one for one in voices if one.target in members]
         estimate, wrong = _consistent(members, inside)
         dropped += wrong
         groups.append({m: Pose.from_array(p) for m, p in zip(members, estimate.poses)})
@@ -99,15 +90,7 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     return Solution(tuple(groups), covariances, tuple(dropped))
 
 
-def with_drift(T_target_source: Pose, covariance: Array) -> Array:
-    """Add to a constraint's covariance (3, 3) how much two maps of one place bend apart."""
-    length = np.hypot(T_target_source.x, T_target_source.y)
-    sigma_xy = np.hypot(TUNING.drift_sigma_xy, TUNING.drift_sigma_theta * length)
-    drift: Array = np.diag([sigma_xy, sigma_xy, TUNING.drift_sigma_theta]) ** 2
-    return covariance + drift
-
-
-def _check(names: list[str], constraints: list[MapConstraint]) -> None:
+def _check(names: list[str], constraints: Sequence[MapConstraint]) -> None:
     """Raise ValueError on constraints that no graph can hold."""
     for constraint in constraints:
         pair = ' - '.join(constraint.robots)
@@ -118,9 +101,10 @@ def _check(names: list[str], constraints: list[MapConstraint]) -> None:
             raise ValueError(f'constraint {pair} is not finite')
 
 
-def _numbered(names: list[str], constraints: list[MapConstraint]) -> NDArray[np.intp]:
+def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDArray[np.intp]:
     """Node numbers (E, 2) of constraints."""
-    return np.array([(names.index(e.target), names.index(e.source)) for e in constraints],
+    number = {name: k for k, name in enumerate(names)}
+    return np.array([(number[c.target], number[c.source]) for c in constraints],
                     dtype=np.intp).reshape(-1, 2)
 
 
@@ -137,9 +121,11 @@ def _consistent(members: list[str],
         wrong = constraints.pop(worst)
         reason = (f'{wrong.target} - {wrong.source} ({wrong.kind}) contradicts the other accepted '
                   f'pairs: chi-square {estimate.chi2.sum():.1f} over {_gate(graph):.1f} among '
-                  f'{", ".join(members)}')
+                  f'{", ".join(sorted(members)[:NAMED])}')
         dropped.append(Dropped(wrong, reason))
         graph = graph.without(worst)
+        if sum(one.constraint.author == wrong.author != '' for one in dropped) > CONTRADICTIONS:
+            break   # all that this author says is going to be left out
         estimate = optimise(graph)
     return estimate, dropped
 

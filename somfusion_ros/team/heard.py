@@ -54,6 +54,7 @@ class Heard:
     trail: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRAIL_KEPT))
     taken_until: float = float('-inf')
     _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
+    _number: int = -1
 
     def hear(self, channel: str, size: int, now: float) -> None:
         """Count a message of a size [bytes]; maps are counted apart."""
@@ -74,7 +75,18 @@ class Heard:
             self._sessions.remove(session)
         if session not in self._sessions:
             self._sessions.append(session)
+            self._number = -1
         return now >= self.taken_until
+
+    def newer(self, number: int) -> bool:
+        """Return whether a state is newer than all that came before in its session."""
+        newer, self._number = number > self._number, max(number, self._number)
+        return newer
+
+    def forget_poses(self) -> None:
+        """Forget where the robot was: its map is another one."""
+        self.poses.clear()
+        self.trail.clear()
 
     def add_pose(self, item: TimedPose) -> None:
         """Keep a pose, and where the robot has been."""

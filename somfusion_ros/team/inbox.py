@@ -5,24 +5,35 @@ What comes in from the robot itself and from its peers, until the worker has tim
 
 Of every channel of every robot only the newest message is kept, unread, so that no peer can fill
 the memory however fast it sends. What is bad is counted under the robot's name and changes
-nothing. Messages of any kind are handed in with what reads them.
+nothing; what speaks of a map that is not known to live yet waits. Messages of any kind are handed
+in with what reads them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, STATE, TRANSFORMS
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE, TRANSFORMS
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import Heard, TimedPose
-from somfusion_ros.team.map_codec import MapDecoder
+from somfusion_ros.team.map_codec import epoch_of, MapDecoder
+from somfusion_ros.team.names import robot_name
+from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, mark_driven, SharedMap, TUNING
 from somfusion_ros.team.state_codec import decode_state
 
 FAULTS = {STATE: 'state', MAP: 'map', CHANGES: 'map', TRANSFORMS: 'transform'}   # in diagnostics
 MOST_TRANSFORMS = 64     # that wait for the worker
+
+
+class TimedClusters(NamedTuple):
+    """The clusters of a robot's map, and their stamp [ns]."""
+
+    clusters: Clusters
+    stamp: int
 
 
 class Waiting(NamedTuple):
@@ -32,16 +43,22 @@ class Waiting(NamedTuple):
     read: Callable[[Any], Any]
 
 
+class NotYet(Exception):
+    """A message speaks of a map that is not known to be the robot's present one."""
+
+
 class Inbox:
     """Keeps the newest of everything, and hands it to the session."""
 
     def __init__(self, name: str, session: FusionSession, max_cells: int,
                  count: Callable[..., None], clock: Callable[[], float]) -> None:
         self.heard: dict[str, Heard] = {}
-        self._name, self._session, self._max_cells = name, session, max_cells
+        self.plain = PlainEpochs()
+        self.name, self._session, self._max_cells = name, session, max_cells
         self._count, self._clock = count, clock
         self._waiting: dict[tuple[str, str], Waiting] = {}
         self._decoders: dict[str, MapDecoder] = {}
+        self._since: dict[str, int] = {}
         self._path: list[tuple[float, float]] | None = None
 
     def keep(self, robot: str, channel: str, message: Any, size: int,
@@ -49,8 +66,8 @@ class Inbox:
         """
         Keep a message of a size [bytes] until the worker takes it.
 
-        read makes of it: the text of a state, the bytes of a map or of changes, Clusters, MapCells
-        of a plain map, or the pose and covariance of a plain robot's transform.
+        read makes of it: the text of a state, the bytes of a map or of changes, TimedClusters, a
+        PlainMap, or the pose and covariance of a plain robot's transform.
         """
         self.heard[robot].hear(channel, size, self._clock())
         self._waiting[robot, channel] = Waiting(message, read)
@@ -59,18 +76,19 @@ class Inbox:
         """Keep where the robot itself has been [m], in its own map."""
         self._path = places
 
-    def keep_pose(self, robot: str, read: Callable[[], TimedPose]) -> None:
-        """Read a robot's pose in its own map at once."""
+    def keep_pose(self, robot: str, read: Callable[[], tuple[TimedPose, Epoch | None]]) -> None:
+        """Read a robot's pose at once; one in another than its present map is nowhere."""
         heard = self.heard[robot]
         heard.hear('pose', 0, self._clock())
         try:
-            item = read()
+            item, epoch = read()
             if max(abs(item.pose.x), abs(item.pose.y)) > TUNING.farthest:
                 raise ValueError(f'{item.pose.x:.3g}, {item.pose.y:.3g} is too far for a map')
         except ValueError as error:
             self._count(f'pose_of_{robot}_unusable', str(error))
             return
-        heard.add_pose(item)
+        if epoch is None or epoch == self._session.epoch_of(robot):
+            heard.add_pose(item)
 
     def keep_transform(self, owner: str, peer: str, message: Any,
                        read: Callable[[Any], tuple[Pose, Array]]) -> None:
@@ -79,20 +97,35 @@ class Inbox:
         if peer not in ('', owner) and waiting < MOST_TRANSFORMS:
             self.keep(owner, f'{TRANSFORMS}/{peer}', message, 0, read)
 
+    def forget(self, robot: str) -> None:
+        """Forget a robot that is gone, and all that waits of it."""
+        for key in [key for key in list(self._waiting) if key[0] == robot]:
+            self._waiting.pop(key, None)
+        for record in (self.heard, self._decoders, self._since):
+            record.pop(robot, None)
+        self.plain.forget(robot)
+
     def drain(self) -> MapCells | None:
         """Hand all that came to the session; return the robot's own map where it changed."""
-        own = None
-        for robot, channel in list(self._waiting):
+        own: MapCells | None = None
+        later: dict[tuple[str, str], Waiting] = {}
+        for robot, epoch, keep_map in self.plain.changed(self._clock()):
+            self._begin(robot, epoch, keep_map)
+        for robot, channel in sorted(self._waiting, key=lambda key: (key[1] != STATE, key)):
             if channel != STATE and self._clock() < self.heard[robot].taken_until:
                 continue   # it waits until one robot only uses the name
             waiting = self._waiting.pop((robot, channel))
             try:
                 cells = self._take(robot, channel, waiting.read(waiting.message))
+            except NotYet:
+                later[robot, channel] = waiting
             except ValueError as error:
                 kind = channel.partition('/')[0] if channel.startswith(TRANSFORMS) else channel
                 self._count(f'{FAULTS.get(kind, kind)}_of_{robot}_unusable', str(error))
             else:
-                own = cells if robot == self._name and cells is not None else own
+                own = cells if robot == self.name and cells is not None else own
+        for key, waiting in later.items():
+            self._waiting.setdefault(key, waiting)
         return own
 
     def _take(self, robot: str, channel: str, content: Any) -> MapCells | None:
@@ -101,41 +134,67 @@ class Inbox:
             self._take_state(robot, content)
         elif channel == CLUSTERS:
             self._take_clusters(robot, content)
+        elif channel == PLAIN_MAP:
+            return self._take_plain(robot, content)
         elif channel.startswith(TRANSFORMS):
             self._session.add_constraint(robot, MapConstraint(
-                robot, channel.removeprefix(f'{TRANSFORMS}/'), *content))
+                robot, robot_name(channel.removeprefix(f'{TRANSFORMS}/')), *content))
         else:
-            return self._take_map(robot, content)
+            return self._take_stream(robot, content)
         return None
 
-    def _take_map(self, robot: str, content: MapCells | bytes) -> MapCells | None:
-        """Take a map, whole or as part of a stream; return its cells where it changed anything."""
-        cells: MapCells | None
-        if isinstance(content, MapCells):
-            cells = mark_driven(content, self._places(robot))
+    def _take_plain(self, robot: str, content: PlainMap) -> MapCells | None:
+        """Take a whole map, as SLAM publishes it; return its cells where it changed anything."""
+        if robot == self.name and self._path is not None:
+            places = self._path
         else:
-            decoder = self._decoders.setdefault(robot, MapDecoder(self._max_cells))
-            cells = decoder.decode(content)
-        if cells is None:
-            return None
-        shared = SharedMap.from_cells(cells)
-        if not shared.grid.known.any():
-            raise ValueError('grid is all unknown')
+            places = list(self.heard[robot].trail)
+        cells = mark_driven(content.cells, places)
+        shared = _shared(cells)
+        epoch = self.plain.epoch(robot, content.loaded, shared.grid, self._clock())
+        if epoch is None:
+            raise NotYet
+        self._begin(robot, epoch)
         return cells if self._session.take_map(robot, shared, self._clock()) else None
 
-    def _places(self, robot: str) -> Iterable[tuple[float, float]]:
-        """Where a robot has been, in its own map: its corrected path, or what its poses said."""
-        if robot == self._name and self._path is not None:
-            return self._path
-        return list(self.heard[robot].trail)
+    def _take_stream(self, robot: str, message: bytes) -> MapCells | None:
+        """Take a part of the stream of a map; return its cells where it changed anything."""
+        if epoch_of(message) != self._session.epoch_of(robot):
+            raise NotYet
+        decoder = self._decoders.setdefault(robot, MapDecoder(self._max_cells))
+        cells = decoder.decode(message)
+        if cells is None:
+            return None
+        changed = self._session.take_map(robot, _shared(cells), self._clock())
+        return cells if changed else None
 
     def _take_state(self, robot: str, text: str) -> None:
-        """Take what a peer accepts."""
+        """Take what a peer accepts, unless something newer came before it."""
         state = decode_state(text)
         if not self.heard[robot].begin(state.session, self._clock()):
             raise ValueError(f'two robots are called {robot}; neither is listened to')
-        self._session.take_state(robot, state.constraints, state.departed)
+        if self.heard[robot].newer(state.number):
+            if state.epoch is not None:
+                self._begin(robot, state.epoch)
+            self._since[robot] = state.since
+            self._session.take_state(robot, state.constraints, state.departed)
 
-    def _take_clusters(self, robot: str, clusters: Clusters) -> None:
-        """Take the clusters of a peer's map."""
-        self._session.take_clusters(robot, clusters)
+    def _take_clusters(self, robot: str, content: TimedClusters) -> None:
+        """Take the clusters of a peer's present map."""
+        if robot not in self._since:
+            raise NotYet
+        if content.stamp >= self._since[robot]:
+            self._session.take_clusters(robot, content.clusters)
+
+    def _begin(self, robot: str, epoch: Epoch, keep_map: bool = False) -> None:
+        """Note which map a robot has; where it is another one, its old poses are nowhere."""
+        if self._session.begin(robot, epoch, self._clock(), keep_map):
+            self.heard[robot].forget_poses()
+
+
+def _shared(cells: MapCells) -> SharedMap:
+    """Map of cells; ValueError where they show nothing."""
+    shared = SharedMap.from_cells(cells)
+    if not shared.grid.known.any():
+        raise ValueError('grid is all unknown')
+    return shared

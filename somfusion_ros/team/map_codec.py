@@ -6,10 +6,10 @@ Maps as bytes: a compressed key map now and then, and between two of them only w
 A change is told against its key, never against an earlier change, so that one key and the newest
 change are all that a reader needs: whatever is lost, late, doubled or out of order in between
 does no harm. It holds the differences of the cells in the smallest rectangle that has any.
-Both carry a digest of the result, so that a map is either what the sender had or nothing.
+Both carry a digest of the result, so that a map is either what the sender had or nothing, and the
+epoch of the map, so that nothing of an earlier map is taken for part of this one.
 """
 
-from dataclasses import dataclass
 from hashlib import blake2b
 import struct
 from typing import NamedTuple
@@ -17,35 +17,24 @@ import zlib
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.geometry import compose, inverse, Pose
-from somfusion_ros.grid import UNKNOWN
-from somfusion_ros.settings import tuned
+from somfusion_ros.geometry import Pose
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.lattice import corner_in, laid_into, MAX_SHIFT
 from somfusion_ros.team.shared_map import MapCells
 
-KEY, CHANGE = b'SOMKEY1', b'SOMCHG1'
-# Kind of message, digest of the key and of the result; rows, columns, resolution and origin of
-# the result; first row and column of the key in it; rectangle of the change: row, column, size.
-HEADER = struct.Struct('<7s8s8sII4d2i4I')
+KEY, CHANGE = b'SOMKEY2', b'SOMCHG2'
+# Kind and version of message, epoch, digest of the key and of the result; rows, columns,
+# resolution and origin of the result; first row and column of the key in it; rectangle of the
+# change: row, column, size.
+HEADER = struct.Struct('<7s42s8s8sII4d2i4I')
 LEVEL = 6             # of zlib
-MAX_SHIFT = 1 << 20   # cells that a map may grow beyond its key
-
-
-@dataclass(frozen=True)
-class CodecTuning:
-    """When two maps lie on one lattice."""
-
-    whole: float = tuned(
-        1e-3, 'cells', 'lattices that are nearer to a whole number of cells apart are one',
-        'by design')
-
-
-TUNING = CodecTuning()
 
 
 class Header(NamedTuple):
     """What precedes the compressed cells."""
 
     kind: bytes
+    epoch: bytes
     key: bytes
     digest: bytes
     rows: int
@@ -69,27 +58,19 @@ class MapEncoder:
         self.key = b''
         self.change: bytes | None = None
         self._cells: MapCells | None = None
+        self._epoch = Epoch()
         self._spent = 0
 
-    def encode(self, cells: MapCells) -> None:
+    def encode(self, cells: MapCells, epoch: Epoch = Epoch()) -> None:
         """Encode the newest map; a new key is made once the changes have cost as much as one."""
-        corner = None if self._cells is None else _corner(self._cells, cells)
-        if corner is not None and self._spent < len(self.key):
-            self.change = self._difference(cells, corner)
+        key = self._cells if epoch == self._epoch else None
+        corner = None if key is None else corner_in(key, cells)
+        if key is not None and corner is not None and self._spent < len(self.key):
+            self.change = _difference(cells, epoch, key, corner)
             self._spent += len(self.change)
         if corner is None or self._spent >= len(self.key):
-            self.key, self.change, self._cells, self._spent = _key(cells), None, cells, 0
-
-    def _difference(self, cells: MapCells, corner: tuple[int, int]) -> bytes:
-        """Message of what differs from the key, whose corner lies at (row, column) of the map."""
-        differs = cells.values ^ _moved(self._cells.values, cells.values.shape, corner)
-        rows, columns = np.flatnonzero(differs.any(1)), np.flatnonzero(differs.any(0))
-        box = ((0, 0, 0, 0) if not len(rows) else
-               (rows[0], columns[0], rows[-1] + 1 - rows[0], columns[-1] + 1 - columns[0]))
-        row, column, height, width = (int(value) for value in box)
-        header = _header(CHANGE, cells, _digest(self._cells), corner, (row, column, height, width))
-        part = differs[row:row + height, column:column + width]
-        return header + zlib.compress(part.tobytes(), LEVEL)
+            self.key, self.change = _key(cells, epoch), None
+            self._cells, self._epoch, self._spent = cells, epoch, 0
 
 
 class MapDecoder:
@@ -97,7 +78,7 @@ class MapDecoder:
 
     def __init__(self, max_cells: int) -> None:
         self._max_cells = max_cells
-        self._key: tuple[bytes, MapCells] | None = None
+        self._key: tuple[bytes, MapCells] | None = None   # with its digest
         self._change: bytes | None = None
 
     def decode(self, message: bytes) -> MapCells | None:
@@ -108,82 +89,84 @@ class MapDecoder:
         """
         header = _parse(message, self._max_cells)
         if header.kind == KEY:
-            self._key = header.digest, _cells(header, _inflate(message, header))
-            return self._newest()
-        if self._key is not None and self._key[0] == header.key:
-            cells = self._apply(header, message)
+            key = _cells(header, _inflate(message, header))
+            self._key = header.digest, key
+            return self._with_change(key)
+        if self._key is None or self._key[0] != header.key:
             self._change = message
-            return cells
+            return None
+        cells = _changed(self._key[1], header, message)
         self._change = message
-        return None
+        return cells
 
-    def _newest(self) -> MapCells:
-        """Return the key with the change that waited for it, if that is any good."""
-        if self._change is not None:
+    def _with_change(self, key: MapCells) -> MapCells:
+        """Return a new key with the change that waited for it, if that is any good."""
+        if self._change is not None and self._key is not None:
             header = _parse(self._change, self._max_cells)
             if header.key == self._key[0]:
                 try:
-                    return self._apply(header, self._change)
+                    return _changed(key, header, self._change)
                 except ValueError:
                     self._change = None
-        return self._key[1]
-
-    def _apply(self, header: Header, message: bytes) -> MapCells:
-        """Put a change on its key."""
-        shape = header.rows, header.columns
-        values = _moved(self._key[1].values, shape, (header.key_row, header.key_column))
-        window = values[header.row:header.row + header.height,
-                        header.column:header.column + header.width]
-        window ^= _inflate(message, header)
-        return _cells(header, values)
+        return key
 
 
-def _key(cells: MapCells) -> bytes:
+def epoch_of(message: bytes) -> Epoch:
+    """Return which map a message is about; ValueError on what is no map message."""
+    if len(message) <= HEADER.size or message[:len(KEY)] not in (KEY, CHANGE):
+        raise ValueError(f'{len(message)} bytes are no map message of this version')
+    return _epoch(HEADER.unpack_from(message)[1])
+
+
+def _epoch(field: bytes) -> Epoch:
+    """Read the epoch in a header; ValueError where it is none."""
+    text = field.rstrip(b'\0').decode('ascii', 'replace')
+    return Epoch() if text == str(Epoch()) else Epoch.parse(text)
+
+
+def _difference(cells: MapCells, epoch: Epoch, key: MapCells, corner: tuple[int, int]) -> bytes:
+    """Message of what differs from the key, whose corner lies at (row, column) of the map."""
+    differs = cells.values ^ laid_into(key.values, cells.values.shape, corner)
+    rows, columns = np.flatnonzero(differs.any(1)), np.flatnonzero(differs.any(0))
+    box = ((0, 0, 0, 0) if not len(rows) else
+           (rows[0], columns[0], rows[-1] + 1 - rows[0], columns[-1] + 1 - columns[0]))
+    row, column, height, width = (int(value) for value in box)
+    header = _header(CHANGE, epoch, cells, _digest(key, epoch), corner,
+                     (row, column, height, width))
+    part = differs[row:row + height, column:column + width]
+    return header + zlib.compress(part.tobytes(), LEVEL)
+
+
+def _changed(key: MapCells, header: Header, message: bytes) -> MapCells:
+    """Put a change on its key."""
+    shape = header.rows, header.columns
+    values = laid_into(key.values, shape, (header.key_row, header.key_column))
+    window = values[header.row:header.row + header.height,
+                    header.column:header.column + header.width]
+    window ^= _inflate(message, header)
+    return _cells(header, values)
+
+
+def _key(cells: MapCells, epoch: Epoch) -> bytes:
     """Message of a whole map."""
-    header = _header(KEY, cells, _digest(cells), (0, 0), (0, 0, *cells.values.shape))
+    header = _header(KEY, epoch, cells, _digest(cells, epoch), (0, 0),
+                     (0, 0, *cells.values.shape))
     return header + zlib.compress(cells.values.tobytes(), LEVEL)
 
 
-def _header(kind: bytes, cells: MapCells, key: bytes, corner: tuple[int, int],
+def _header(kind: bytes, epoch: Epoch, cells: MapCells, key: bytes, corner: tuple[int, int],
             box: tuple[int, int, int, int]) -> bytes:
     """Header of a message about a map."""
-    return HEADER.pack(kind, key, _digest(cells), *cells.values.shape, cells.resolution,
-                       *cells.T_frame_grid, *corner, *box)
+    return HEADER.pack(kind, str(epoch).encode(), key, _digest(cells, epoch),
+                       *cells.values.shape, cells.resolution, *cells.T_frame_grid, *corner, *box)
 
 
-def _digest(cells: MapCells) -> bytes:
-    """Eight bytes that no other map has."""
-    geometry = struct.pack('<2I4d', *cells.values.shape, cells.resolution, *cells.T_frame_grid)
+def _digest(cells: MapCells, epoch: Epoch) -> bytes:
+    """Eight bytes that no other map has, and not this one in another epoch."""
+    geometry = struct.pack('<2I4d42s', *cells.values.shape, cells.resolution, *cells.T_frame_grid,
+                           str(epoch).encode())
     return blake2b(np.ascontiguousarray(cells.values).data, digest_size=8, person=b'map',
                    salt=blake2b(geometry, digest_size=16).digest()).digest()
-
-
-def _corner(key: MapCells, cells: MapCells) -> tuple[int, int] | None:
-    """Row and column of the key's corner in a newer map; None where the lattices differ."""
-    if key.resolution != cells.resolution or key.T_frame_grid.theta != cells.T_frame_grid.theta:
-        return None
-    at = compose(inverse(cells.T_frame_grid), key.T_frame_grid)[:2] / cells.resolution
-    whole = np.rint(at)
-    if np.abs(at - whole).max() > TUNING.whole or np.abs(whole).max() > MAX_SHIFT:
-        return None
-    return int(whole[1]), int(whole[0])
-
-
-def _moved(values: NDArray[np.int8], shape: tuple[int, int],
-           corner: tuple[int, int]) -> NDArray[np.int8]:
-    """Cells laid into an unknown map of another shape, with their corner at (row, column)."""
-    result = np.full(shape, UNKNOWN, np.int8)
-    here, there = zip(*(_overlap(first, count, size) for first, count, size in
-                        zip(corner, values.shape, shape)), strict=True)
-    result[here] = values[there]
-    return result
-
-
-def _overlap(first: int, count: int, size: int) -> tuple[slice, slice]:
-    """Slices of the cells that a row of `count` shares with one of `size`, in both."""
-    low, high = max(first, 0), max(min(first + count, size), 0)
-    low = min(low, high)
-    return slice(low, high), slice(low - first, high - first)
 
 
 def _parse(message: bytes, max_cells: int) -> Header:
@@ -222,6 +205,6 @@ def _cells(header: Header, values: NDArray[np.int8]) -> MapCells:
     cells = MapCells(values, header.resolution, Pose(header.x, header.y, header.theta))
     if not np.isfinite((header.resolution, *cells.T_frame_grid)).all():
         raise ValueError('map message with a resolution or an origin that is not finite')
-    if _digest(cells) != header.digest:
+    if _digest(cells, _epoch(header.epoch)) != header.digest:
         raise ValueError('map message does not give the map that it was made of')
     return cells

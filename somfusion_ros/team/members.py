@@ -5,13 +5,14 @@ The team as one robot knows it, live: maps that arrive, verdicts of its own and 
 
 Every robot keeps one of these. It sees to it that a pair is matched only when a map changed
 enough, that robots are reached through others, and that all who know the same constraints place
-the maps alike: the graph holds exactly what goes over the wire, also for the robot's own.
+the maps alike: the graph holds exactly what goes over the wire, also for the robot's own. What is
+said of a map counts while the map's epoch lives, and not a moment longer.
 Time is handed in, as seconds of any steady clock.
 """
 
 from collections import Counter, deque
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,10 @@ from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import between, inverse, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.graph import Solution, solve
-from somfusion_ros.team.map_change import begun_anew, missing_walls
+from somfusion_ros.team.map_change import missing_walls
 from somfusion_ros.team.pair_history import PairHistory
 from somfusion_ros.team.shared_map import SharedMap
 
@@ -42,57 +44,87 @@ TUNING = TeamTuning()
 
 
 class Team:
-    """One robot's knowledge of its team."""
+    """
+    One robot's knowledge of its team.
+
+    epochs: which map every robot has now, or had last; begun: how many each began after its first;
+    maps: the newest of every robot, shown: those to draw.
+    """
 
     def __init__(self, name: str, minimum_change: float = 0.1,
                  known_poses: Mapping[str, Pose] | None = None) -> None:
         self.name = name
         self.minimum_change = minimum_change
+        self.epochs: dict[str, Epoch] = {}
+        self.begun: Counter[str] = Counter()
         self.maps: dict[str, SharedMap] = {}
         self.shown: dict[str, SharedMap] = {}
         self.pairs: dict[str, PairHistory] = {}
-        self.begun_anew: Counter[str] = Counter()
         self._known = dict(known_poses or {})
+        self._known_of: dict[str, Epoch] = {}
         self._heard: dict[str, tuple[MapConstraint, ...]] = {}
         self._sighted: dict[str, deque[MapConstraint]] = {}
         self._solved = Solution((), {})
         self._solved_for: Any = None
 
+    def begin(self, robot: str, epoch: Epoch, keep_map: bool = False) -> bool:
+        """
+        Note which map a robot has now; return whether it began another one.
+
+        All that was known about its former map is forgotten, and the map too unless it is kept: a
+        plain SLAM's first new map may come before the word that it is new.
+        """
+        old = self.epochs.get(robot)
+        self.epochs[robot] = epoch
+        if robot in self._known:
+            self._known_of.setdefault(robot, epoch)
+        if old is None or old == epoch:
+            return False
+        self.begun[robot] += 1
+        self._forget_constraints(robot)
+        self.shown.pop(robot, None)
+        if not keep_map:
+            self.maps.pop(robot, None)
+        elif robot in self.maps:
+            self.shown[robot] = self.maps[robot]
+        return True
+
+    def forget(self, robot: str) -> None:
+        """Forget a robot: its map, its words, and all that is known about both."""
+        self._forget_constraints(robot)
+        for record in (self.epochs, self.begun, self.maps, self.shown, self._heard):
+            record.pop(robot, None)
+
+    def lives(self, constraint: MapConstraint) -> bool:
+        """Return whether both maps that a constraint joins are those that the robots have now."""
+        return all(self.epochs.get(robot) == epoch
+                   for robot, epoch in zip(constraint.robots, constraint.epochs))
+
     def update_map(self, robot: str, new: SharedMap) -> bool:
         """
         Update a robot's map; return whether it differs from the last.
 
-        Maps are compared for change, not for newer stamps. A map begun anew has a new frame:
-        what was known about the robot's old one is forgotten. A peer's map that hardly resembles
-        the one that its accepted pose was found with is not shown before it is matched.
+        Maps are compared for change, not for newer stamps. A peer's map that hardly resembles the
+        one that its accepted pose was found with is not shown before it is matched.
         """
+        if robot not in self.epochs:
+            self.begin(robot, Epoch())
         old = self.maps.get(robot)
         if old is not None and old.same_as(new):
             return False
         self.maps[robot] = new
-        if old is not None and begun_anew(old.grid, new.grid):
-            self.begun_anew[robot] += 1
-            self.forget(robot)
         pair = self.pairs.get(robot)
         if (pair is None or pair.held is None or robot not in self.shown
                 or missing_walls(self.shown[robot].grid, new.grid) <= TUNING.unlike):
             self.shown[robot] = new
         return True
 
-    def forget(self, robot: str) -> None:
-        """Forget every constraint on a robot's map frame."""
-        for peer in [robot] if robot != self.name else list(self.pairs):
-            self.pairs.pop(peer, None)
-        for peer in [robot] if robot != self.name else list(self._sighted):
-            self._sighted.pop(peer, None)
-        self._heard = {owner: tuple(c for c in said if robot not in c.robots)
-                       for owner, said in self._heard.items()}
-
     def peers(self) -> list[str]:
         """Robots whose map can be matched with the robot's own, the least tried first."""
-        if self.name not in self.maps or self._known:
+        if self.name not in self.maps:
             return []
-        return sorted(set(self.maps) - {self.name},
+        known = set(self._known_now()) if self.name in self._known_now() else set()
+        return sorted(self.maps.keys() - known - {self.name},
                       key=lambda peer: (self._pair(peer).attempts, peer))
 
     def is_due(self, peer: str, now: float) -> bool:
@@ -120,19 +152,25 @@ class Team:
         It has one voice per pair, so that saying a thing twice does not outweigh the others.
         """
         if owner != self.name:
-            own = [c for c in constraints if owner in c.robots]
+            own = [replace(c, author=owner) for c in constraints if owner in c.robots]
             matches = {frozenset(c.robots): c for c in own if c.kind == 'match'}
-            sightings = [c for c in own if c.kind != 'match']
-            self._heard[owner] = (*matches.values(), *sightings)
+            sightings: dict[frozenset[str], deque[MapConstraint]] = {}
+            for c in own:
+                if c.kind != 'match':
+                    sightings.setdefault(frozenset(c.robots), deque(maxlen=SIGHTINGS)).append(c)
+            self._heard[owner] = (*matches.values(), *(c for few in sightings.values()
+                                                       for c in few))
 
     def heard_of(self, owner: str) -> tuple[MapConstraint, ...]:
         """Return what a peer said last."""
         return self._heard.get(owner, ())
 
     def sight(self, constraint: MapConstraint) -> None:
-        """Add a sighting of a peer, as a constraint from the robot's own map."""
-        if constraint.target == self.name != constraint.source:
-            self._sighted.setdefault(constraint.source, deque(maxlen=SIGHTINGS)).append(constraint)
+        """Add a sighting of a peer, as a constraint from the robot's own map, as both are now."""
+        target, source = constraint.robots
+        if target == self.name != source and {target, source} <= self.epochs.keys():
+            self._sighted.setdefault(source, deque(maxlen=SIGHTINGS)).append(
+                self._own(constraint))
 
     def own_constraints(self) -> list[MapConstraint]:
         """Return what the robot itself found: accepted pairs and sightings."""
@@ -141,8 +179,8 @@ class Team:
             held = pair.held
             if held is not None and held.T_target_source is not None:
                 target, source = sorted((self.name, peer))
-                constraints.append(MapConstraint(target, source, held.T_target_source,
-                                                 held.covariance, held.probability))
+                constraints.append(self._own(MapConstraint(
+                    target, source, held.T_target_source, held.covariance, pair.probability)))
         return constraints
 
     def own_transforms(self) -> dict[str, Pose]:
@@ -153,32 +191,59 @@ class Team:
                 for c in self.own_constraints()}
 
     def solution(self) -> Solution:
-        """Place every robot's map."""
-        if self._known:
-            return _solution_of_known(self._known, {self.name, *self.maps})
-        constraints = self.own_constraints() + [c for said in self._heard.values() for c in said]
+        """Place every robot's map by all that counts now."""
+        known = self._known_now()
+        constraints = self._known_constraints() + [
+            c for c in (*self.own_constraints(), *(c for said in self._heard.values()
+                                                   for c in said))
+            if self.lives(c) and not {*c.robots} <= known.keys()]
         robots = {self.name, *self.maps, *(robot for c in constraints for robot in c.robots)}
-        key = robots, [(*c.robots, *c.T_target_source, c.covariance.tobytes())
-                       for c in constraints]
+        key = robots, [(*c.robots, c.author, *c.T_target_source, c.covariance.tobytes(),
+                        c.probability) for c in constraints]
         if key != self._solved_for:
-            self._solved, self._solved_for = solve(robots, constraints), key
+            self._solved = solve(robots, constraints)
+            self._solved_for = key
         return self._solved
 
+    def lapsed(self) -> list[str]:
+        """Robots whose known pose was given for a map that they no longer have."""
+        return [robot for robot, epoch in self._known_of.items()
+                if self.epochs.get(robot, epoch) != epoch]
+
     def reset(self) -> None:
-        """Forget all verdicts; maps stay."""
+        """Forget all verdicts; maps stay, and known poses are those of the maps of now."""
         self.pairs.clear()
         self._heard.clear()
         self._sighted.clear()
+        self._known_of = {robot: self.epochs[robot] for robot in self._known
+                          if robot in self.epochs}
+
+    def _forget_constraints(self, robot: str) -> None:
+        """Forget what the robot itself found about a robot's map; what others say names epochs."""
+        mine = robot == self.name
+        for peer in list(self.pairs) if mine else [robot]:
+            self.pairs.pop(peer, None)
+        for peer in list(self._sighted) if mine else [robot]:
+            self._sighted.pop(peer, None)
+
+    def _own(self, constraint: MapConstraint) -> MapConstraint:
+        """Sign a constraint, for the maps that both robots have now."""
+        first, second = (self.epochs[robot] for robot in constraint.robots)
+        return replace(constraint, author=self.name, epochs=(first, second))
+
+    def _known_now(self) -> dict[str, Pose]:
+        """Poses that the user gave for the maps that the robots have now."""
+        return {robot: pose for robot, pose in self._known.items()
+                if robot in self.epochs and self._known_of.get(robot) == self.epochs[robot]}
+
+    def _known_constraints(self) -> list[MapConstraint]:
+        """Tie the maps together whose poses the user gave."""
+        known = self._known_now()
+        anchor = min(known, default='')
+        return [MapConstraint(anchor, robot, Pose.from_array(between(known[anchor], pose)),
+                              KNOWN_COVARIANCE, kind='known')
+                for robot, pose in known.items() if robot != anchor]
 
     def _pair(self, peer: str) -> PairHistory:
         """Return the history of the pair with a peer."""
         return self.pairs.setdefault(peer, PairHistory())
-
-
-def _solution_of_known(known: Mapping[str, Pose], robots: Collection[str]) -> Solution:
-    """Place the maps by poses that the user gave."""
-    anchor = min(set(known) & set(robots), default=min(known))
-    constraints = [MapConstraint(anchor, robot, Pose.from_array(between(known[anchor], pose)),
-                                 KNOWN_COVARIANCE)
-                   for robot, pose in known.items() if robot in robots and robot != anchor]
-    return solve({*robots, anchor}, constraints)

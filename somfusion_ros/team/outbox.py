@@ -7,17 +7,16 @@ A state is repeated now and then, so that silence means absence. The map is told
 somebody listens, as a key and what changed since.
 """
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP
-from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.heard import TimedPose
 from somfusion_ros.team.map_codec import MapEncoder
 from somfusion_ros.team.shared_map import MapCells
+from somfusion_ros.team.snapshot import Snapshot
 from somfusion_ros.team.state_codec import encode_state, TeamState
 
 
@@ -39,19 +38,28 @@ class Outbox:
 
     def __init__(self, session: str) -> None:
         self.session = session
+        self._number = 0
+        self._epoch = Epoch()
         self._encoder = MapEncoder()
         self._cells: MapCells | None = None
         self._sent: dict[str, bytes | None] = {MAP: None, CHANGES: None}
         self._said: tuple[str, float] = '', 0.0
         self._told = np.full(3, np.inf)
 
-    def state(self, constraints: Collection[MapConstraint], departed: Collection[DepartedRobot],
-              now: float) -> str | None:
-        """Return the state to send; None where it was said already, and not long ago."""
-        text = encode_state(TeamState(self.session, tuple(constraints), tuple(departed)))
+    def state(self, snapshot: Snapshot, since: int, now: float) -> str | None:
+        """
+        Return the state to send; None where it was said already, and not long ago.
+
+        since [ns] is the stamp from which on the robot's clusters are of its present map.
+        """
+        state = TeamState(self.session, snapshot.constraints, snapshot.departed, snapshot.epoch,
+                          since, self._number)
         said, at = self._said
+        text = encode_state(state)
         if text == said and now - at < TUNING.heartbeat:
             return None
+        self._number += 1
+        text = encode_state(state._replace(number=self._number))
         self._said = text, now
         return text
 
@@ -62,14 +70,14 @@ class Outbox:
         self._told = np.array(here.pose)
         return True
 
-    def share(self, cells: MapCells) -> None:
+    def share(self, cells: MapCells, epoch: Epoch) -> None:
         """Keep the robot's newest map, for those who want it."""
-        self._cells = cells
+        self._cells, self._epoch = cells, epoch
 
     def map_messages(self) -> list[tuple[str, bytes]]:
         """Return, by channel, what those who listen to the map have not got yet."""
         if self._cells is not None:
-            self._encoder.encode(self._cells)
+            self._encoder.encode(self._cells, self._epoch)
             self._cells = None
         fresh = []
         for channel, data in ((MAP, self._encoder.key or None), (CHANGES, self._encoder.change)):

@@ -18,7 +18,8 @@ from somfusion_ros.settings import tuned
 from somfusion_ros.team.map_change import change
 
 CONFIRMATIONS = 2    # times in a row before another pose replaces the one that holds
-REFUSALS = 4         # clear refusals in a row that withdraw a verdict
+REFUSALS = 4         # clear refusals in a row that withdraw a verdict,
+NEAR_REFUSALS = 12   # or so many of any kind
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,21 @@ class PairHistory:
         self.settled = False   # whether the last word was said on the maps of now
         self._rivals: list[Alignment] = []
         self._on_the_way = False
-        self._refusals = 0
+        self._refusals = self._near_refusals = 0
         self._matched: tuple[Grid, Grid] | None = None
         self._matched_at = 0.0
 
     @property
     def doubted(self) -> bool:
         """Whether the verdict that holds was refused on the maps of now."""
-        return self._refusals > 0
+        return self._refusals + self._near_refusals > 0
+
+    @property
+    def probability(self) -> float:
+        """Probability of the verdict that holds; that of the refusal where it is doubted."""
+        if self.held is None or self.last is None:
+            return 0.0
+        return min(self.held.probability, self.last.probability if self.doubted else 1.0)
 
     def due(self, target: Grid, source: Grid, now: float, minimum_change: float) -> bool:
         """
@@ -99,8 +107,8 @@ class PairHistory:
 
     @property
     def _unfinished(self) -> bool:
-        """Whether the same maps are to be matched again: to confirm a rival, or to go on."""
-        return bool(self._rivals) or self._on_the_way
+        """Whether the same maps are to be matched again: for a rival, a refusal, or to go on."""
+        return bool(self._rivals) or self._on_the_way or self._refusals > 0
 
     def _weigh(self, alignment: Alignment, source: Grid) -> str:
         """Weigh a verdict against the one that holds."""
@@ -110,14 +118,15 @@ class PairHistory:
         same = (alignment.T_target_source is not None
                 and same_pose(held, alignment.T_target_source, source))
         if not alignment.accepted:
-            return 'kept' if same and alignment.probability >= TUNING.likely else self._doubt()
+            return self._doubt(clear=not (same and alignment.probability >= TUNING.likely))
         if same:
             return self._hold(self._towards(held, alignment), 'updated')
         return self._challenge(alignment, source)
 
     def _hold(self, alignment: Alignment, word: str) -> str:
         """Let a verdict hold from now on."""
-        self.held, self._rivals, self._refusals = alignment, [], 0
+        self.held, self._rivals = alignment, []
+        self._refusals = self._near_refusals = 0
         return word
 
     def _towards(self, old: Pose, alignment: Alignment) -> Alignment:
@@ -136,13 +145,15 @@ class PairHistory:
             return alignment
         return replace(alignment, T_target_source=Pose.from_array(compose(old, step / size)))
 
-    def _doubt(self) -> str:
-        """Count a clear refusal; several in a row withdraw the verdict that holds."""
+    def _doubt(self, clear: bool) -> str:
+        """Count a refusal; several in a row withdraw the verdict that holds."""
         self._rivals = []
-        self._refusals += 1
-        if self._refusals < REFUSALS:
+        self._refusals += clear
+        self._near_refusals += 1
+        if self._refusals < REFUSALS and self._near_refusals < NEAR_REFUSALS:
             return 'kept'
-        self.held, self._refusals, self._on_the_way = None, 0, False
+        self.held, self._refusals, self._near_refusals = None, 0, 0
+        self._on_the_way = False
         return 'withdrawn'
 
     def _challenge(self, rival: Alignment, source: Grid) -> str:

@@ -107,10 +107,10 @@ def _linearise(graph: PoseGraph, poses: Array) -> tuple[Array, Array, Array]:
     J = np.concatenate(between_jacobians(poses[a], poses[b]), axis=-1)
     JtW = np.swapaxes(J, 1, 2) @ graph.information
     index = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
-    H = np.zeros((3 * graph.nodes, 3 * graph.nodes))
-    np.add.at(H, (index[:, :, None], index[:, None, :]), JtW @ J)
-    gradient = np.zeros(3 * graph.nodes)
-    np.add.at(gradient, index, np.einsum('eij,ej->ei', JtW, residual))
+    size = 3 * graph.nodes
+    H = np.bincount((size * index[:, :, None] + index[:, None, :]).ravel(), (JtW @ J).ravel(),
+                    size * size).reshape(size, size)
+    gradient = np.bincount(index.ravel(), np.einsum('eij,ej->ei', JtW, residual).ravel(), size)
     chi2 = np.einsum('ei,eij,ej->e', residual, graph.information, residual)
     return H, gradient, chi2.reshape(count)
 

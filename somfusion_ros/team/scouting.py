@@ -57,6 +57,10 @@ class Scouting:
         known = self._peers.setdefault(peer, _Peer(clusters))
         known.clusters, known.fresh = clusters, True
 
+    def forget(self, peer: str) -> None:
+        """Forget the clusters of a peer's map: it has another one."""
+        self._peers.pop(peer, None)
+
     def look(self, own: Grid | None, wanted: Collection[str], config: FusionConfig,
              now: float) -> str | None:
         """Compare with the one peer that waited longest; return its name, None if none is due."""

@@ -7,11 +7,11 @@ Nothing here knows a message or a clock; all of it runs in one worker thread. Wh
 need is handed out as snapshots that never change.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
-from somfusion_ros.fusion.alignment import align, Alignment
+from somfusion_ros.fusion.alignment import align
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
@@ -20,16 +20,19 @@ from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.global_drawing import GlobalDrawing
-from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.snapshot import Snapshot
 from somfusion_ros.team.words import ordinal, sentence
 from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
+
+MOST_DOUBLINGS = 16   # of the pause after a new map; by then it is as long as it gets
 
 
 @dataclass(frozen=True)
@@ -49,44 +52,6 @@ class SessionTuning:
 
 
 TUNING = SessionTuning()
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """
-    The team as it is known now.
-
-    own_transforms: T_own_peer of the pairs that the robot itself accepted; constraints: the same
-    with covariances, as peers are told; solution: where all maps lie; verdicts: the newest
-    alignment with each peer; words: what became of it; settled: the peers on whose present maps
-    the last word is said; wanted: the peers whose whole maps are of use; departed, departed_maps:
-    robots that are gone, with their maps; sources: who has the map of a robot that is gone; jumps:
-    accepted transforms that changed by much; anchor: the robot whose map frame `world` is where
-    it is connected; world_changes: how often `world` changed for this robot.
-    """
-
-    own_transforms: dict[str, Pose] = field(default_factory=dict)
-    constraints: tuple[MapConstraint, ...] = ()
-    solution: Solution = field(default_factory=lambda: Solution((), {}))
-    verdicts: dict[str, Alignment] = field(default_factory=dict)
-    words: dict[str, str] = field(default_factory=dict)
-    settled: frozenset[str] = frozenset()
-    wanted: frozenset[str] = frozenset()
-    departed: tuple[DepartedRobot, ...] = ()
-    departed_maps: Mapping[str, SharedMap] = field(default_factory=dict)
-    sources: dict[str, str] = field(default_factory=dict)
-    jumps: int = 0
-    anchor: str = ''
-    world_changes: int = 0
-
-    def world(self, robot: str) -> dict[str, Pose]:
-        """T_world_map by robot of the connected team; of the robot alone while it is alone."""
-        return anchored(self.solution.group_of(robot), self.anchor)
-
-    def connected(self, robot: str) -> list[str]:
-        """Robots of the connected team; none while the robot is alone."""
-        group = self.solution.group_of(robot)
-        return sorted(group) if len(group) > 1 else []
 
 
 class FusionSession:
@@ -109,6 +74,7 @@ class FusionSession:
         self._jumps = 0
         self._world = WorldWatch(name, TUNING.jump_distance, TUNING.jump_heading, say)
         self._drawing = GlobalDrawing(config.robot_radius, say)
+        self._lapsed: set[str] = set()
         self.refresh()
 
     def shown_maps(self) -> dict[str, SharedMap]:
@@ -134,19 +100,32 @@ class FusionSession:
         return [(learn(self._team.maps[peer].grid, self.fusion, self._cache), pose)
                 for peer, pose in self._team.own_transforms().items() if peer in self._team.maps]
 
+    def epoch_of(self, robot: str) -> Epoch | None:
+        """Return which map a robot has now, or had last; None where nobody told."""
+        return self._team.epochs.get(robot)
+
+    def begin(self, robot: str, epoch: Epoch, now: float, keep_map: bool = False) -> bool:
+        """Note which map a robot has now; return whether it began another one."""
+        before = self._team.begun[robot]
+        if not self._team.begin(robot, epoch, keep_map):
+            return False
+        longer = TUNING.first_pause * 2.0 ** min(before, MOST_DOUBLINGS)
+        pause = min(longer, TUNING.longest_pause) if before else 0.0
+        self._looked[robot] = now + pause
+        self._scouting.forget(robot)
+        for peer in list(self._accepted) if robot == self._name else [robot]:
+            self._accepted.pop(peer, None)
+            self._words.pop(peer, None)
+        self._say(f'{robot} began another map ({epoch}), for the {ordinal(before + 1)} time: all '
+                  f'that was said of its old one has lapsed, its place is sought in {pause:.0f} s')
+        for lapsed in set(self._team.lapsed()) - self._lapsed:
+            self._lapsed.add(lapsed)
+            self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
+        return True
+
     def take_map(self, robot: str, shared: SharedMap, now: float = 0.0) -> bool:
         """Update a robot's map; return whether it changed anything."""
-        begun = self._team.begun_anew[robot]
-        changed = self._team.update_map(robot, shared)
-        if self._team.begun_anew[robot] > begun:
-            longer = TUNING.first_pause * 2.0 ** begun
-            pause = min(longer, TUNING.longest_pause) if begun else 0.0
-            self._looked[robot] = now + pause
-            for peer in list(self._accepted) if robot == self._name else [robot]:
-                self._accepted.pop(peer, None)
-            self._say(f'{robot} began a new map, for the {ordinal(begun + 1)} time: its old place '
-                      f'is forgotten, a new one is sought in {pause:.0f} s')
-        return changed
+        return self._team.update_map(robot, shared)
 
     def take_clusters(self, peer: str, clusters: Clusters) -> None:
         """Update the clusters of a peer's map."""
@@ -160,8 +139,11 @@ class FusionSession:
 
     def add_constraint(self, owner: str, constraint: MapConstraint) -> None:
         """Add one pair that a peer accepted, beside those that it told before."""
-        others = [old for old in self._team.heard_of(owner) if old.robots != constraint.robots]
-        self._team.hear(owner, [*others, constraint])
+        first, second = (self._team.epochs.get(robot) for robot in constraint.robots)
+        if first is not None and second is not None:
+            others = [old for old in self._team.heard_of(owner)
+                      if old.robots != constraint.robots]
+            self._team.hear(owner, [*others, replace(constraint, epochs=(first, second))])
 
     def take_sighting(self, constraint: MapConstraint) -> None:
         """Add a sighting of a peer."""
@@ -207,7 +189,9 @@ class FusionSession:
             frozenset(self._scouting.likely | group.keys() - {self._name}),
             self._departed.known,
             self._departed.maps(), dict(self._departed.sources), self._jumps, anchor,
-            self._world.changes)
+            self._world.changes,
+            frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
+            self._team.epochs.get(self._name), dict(self._team.begun))
         return self.snapshot
 
     def draw(self) -> Grid | None:

@@ -7,42 +7,52 @@ A state says all that holds, so that what is missing in it no longer does, whate
 the way. Whatever is wrong with a document raises ValueError with one line.
 """
 
-from collections.abc import Iterable
 import json
+import re
 from typing import Any, NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.constraint import MapConstraint, sane_covariance
 from somfusion_ros.team.departed import DepartedRobot
+from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.shared_map import TUNING
 
+VERSION = 2
 MAX_STATE = 1 << 18      # bytes of a state; a constraint takes a quarter of a kilobyte
 MAX_CONSTRAINTS = 256    # that one robot can have accepted
-MAX_NAME = 128           # letters of a robot's name
+MAX_DEPARTED = 64        # robots that are gone
+SESSION = re.compile(r'[0-9a-z]{1,32}')
 KINDS = ('match', 'sighting')
 UPPER = np.triu_indices(3)
-LEAST_VARIANCE, MOST_VARIANCE = 10 ** -12, 10 ** 12   # [m^2, rad^2]
+LATEST = 1 << 62         # stamps [ns] and numbers are below
 
 
 class TeamState(NamedTuple):
     """
     What a fusion node accepts now, and what it knows of robots that are gone.
 
-    session changes whenever the node is started.
+    session changes whenever the node is started, number grows with every state of a session.
+    epoch: which map the robot has now, None where it has none; since: stamp [ns] from which on its
+    clusters are of that map.
     """
 
     session: str
-    constraints: tuple[MapConstraint, ...]
+    constraints: tuple[MapConstraint, ...] = ()
     departed: tuple[DepartedRobot, ...] = ()
+    epoch: Epoch | None = None
+    since: int = 0
+    number: int = 0
 
 
 def encode_state(state: TeamState) -> str:
     """Write a state; numbers keep every digit, so that all robots compute with the same."""
     return json.dumps({
-        'session': state.session,
+        'version': VERSION, 'session': state.session, 'number': state.number,
+        'epoch': None if state.epoch is None else str(state.epoch), 'since': state.since,
         'constraints': [_record(constraint) for constraint in state.constraints],
-        'departed': [{'robot': gone.robot, 'known': gone.known,
+        'departed': [{'robot': gone.robot, 'epoch': str(gone.epoch), 'known': gone.known,
                       'constraints': [_record(constraint) for constraint in gone.constraints]}
                      for gone in state.departed]})
 
@@ -53,59 +63,88 @@ def decode_state(text: str) -> TeamState:
         raise ValueError(f'state of {len(text)} bytes is over {MAX_STATE}')
     try:
         record = json.loads(text)
-        return TeamState(_word(record['session']), _constraints(record['constraints']), tuple(
-            DepartedRobot(_word(item['robot']), int(item['known']),
-                          _constraints(item['constraints']))
-            for item in record['departed']))
+        if record['version'] != VERSION:
+            raise ValueError(f'state of version {str(record["version"])[:20]}, this is {VERSION}')
+        return _state(record)
     except (KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        raise ValueError(f'state is not what a fusion node says: {error!r}') from error
+        raise ValueError(f'state is not what a fusion node says: {repr(error)[:200]}') from error
+
+
+def _state(record: dict[str, Any]) -> TeamState:
+    """Read a state that has been parsed."""
+    epoch = None if record['epoch'] is None else _epoch(record['epoch'])
+    constraints, gone = _constraints(record['constraints']), record['departed']
+    if not isinstance(gone, list) or len(gone) > MAX_DEPARTED:
+        raise ValueError(f'state of more than {MAX_DEPARTED} robots that are gone')
+    departed = tuple(DepartedRobot(robot_name(one['robot']), _count(one['known']),
+                                   _constraints(one['constraints']), _epoch(one['epoch']))
+                     for one in gone)
+    if len(constraints) + sum(len(one.constraints) for one in departed) > 2 * MAX_CONSTRAINTS:
+        raise ValueError(f'state of more than {2 * MAX_CONSTRAINTS} constraints in all')
+    return TeamState(_session(record['session']), constraints, departed, epoch,
+                     _count(record['since']), _count(record['number']))
 
 
 def _record(constraint: MapConstraint) -> dict[str, Any]:
     """Write one constraint."""
     return {'target': constraint.target, 'source': constraint.source, 'kind': constraint.kind,
+            'epochs': [str(epoch) for epoch in constraint.epochs],
             'pose': list(constraint.T_target_source), 'probability': float(constraint.probability),
             'covariance': constraint.covariance[UPPER].tolist()}
 
 
-def _constraints(items: list[dict[str, Any]]) -> tuple[MapConstraint, ...]:
+def _constraints(items: Any) -> tuple[MapConstraint, ...]:
     """Read constraints."""
-    if len(items) > MAX_CONSTRAINTS:
-        raise ValueError(f'state of {len(items)} constraints is over {MAX_CONSTRAINTS}')
+    if not isinstance(items, list) or len(items) > MAX_CONSTRAINTS:
+        raise ValueError(f'no list of at most {MAX_CONSTRAINTS} constraints')
     return tuple(_constraint(item) for item in items)
 
 
 def _constraint(item: dict[str, Any]) -> MapConstraint:
     """Read one constraint."""
-    pose = Pose.from_array(item['pose'])
+    pose = Pose.from_array(_numbers(item['pose'], 3))
     if max(abs(pose.x), abs(pose.y)) > TUNING.farthest:
         raise ValueError(f'{pose.x:.3g}, {pose.y:.3g} is too far for the frame of a map')
-    kind, probability = item['kind'], item['probability']
-    if kind not in KINDS or not 0.0 <= float(probability) <= 1.0:
-        raise ValueError(f'constraint of kind {kind!r}, probability {probability!r}')
-    target, source = _word(item['target']), _word(item['source'])
+    kind, (probability,) = item['kind'], _numbers([item['probability']], 1)
+    if kind not in KINDS or not 0.0 <= probability <= 1.0:
+        raise ValueError(f'constraint of kind {str(kind)[:20]!r}, probability {probability!r}')
+    target, source = robot_name(item['target']), robot_name(item['source'])
     if target == source:
         raise ValueError(f'constraint from {target} to itself')
+    first, second = (_epoch(text) for text in item['epochs'])
     return MapConstraint(target, source, pose, _covariance(item['covariance']),
-                         float(probability), kind)
+                         float(probability), kind, (first, second))
 
 
-def _covariance(upper: Iterable[float]) -> Array:
+def _covariance(upper: Any) -> Array:
     """Covariance (3, 3) of its upper triangle."""
-    values = np.array(upper, dtype=float)
-    if values.shape != (6,) or not np.isfinite(values).all():
-        raise ValueError('covariance is not six finite numbers')
     P = np.zeros((3, 3))
-    P[UPPER] = values
-    P += np.triu(P, 1).T
-    variances = np.linalg.eigvalsh(P)
-    if not LEAST_VARIANCE < variances[0] <= variances[-1] < MOST_VARIANCE:
-        raise ValueError(f'covariance has variances {variances.tolist()}')
-    return P
+    P[UPPER] = _numbers(upper, 6)
+    return sane_covariance(P + np.triu(P, 1).T)
 
 
-def _word(value: Any) -> str:
-    """Check a name."""
-    if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME:
-        raise ValueError('a name is no word of at most 128 letters')
+def _numbers(values: Any, count: int) -> Array:
+    """Check a list of finite numbers."""
+    if not isinstance(values, list) or len(values) != count or not all(
+            type(value) in (int, float) and abs(value) < LATEST for value in values):
+        raise ValueError(f'not a list of {count} finite numbers')
+    return np.array(values, dtype=float)
+
+
+def _count(value: Any) -> int:
+    """Check a whole number that is not negative."""
+    if type(value) is not int or not 0 <= value < LATEST:
+        raise ValueError('a number is none that counts something')
+    return value
+
+
+def _epoch(text: Any) -> Epoch:
+    """Read an epoch; that of a map with no other beside it is one, too."""
+    return Epoch() if text == str(Epoch()) else Epoch.parse(text)
+
+
+def _session(value: Any) -> str:
+    """Check the name of a session."""
+    if not isinstance(value, str) or not SESSION.fullmatch(value):
+        raise ValueError('a session is no word of at most 32 letters')
     return value

@@ -25,6 +25,7 @@ from somfusion_ros.ros.common import conversions as convert  # noqa: E402
 from somfusion_ros.ros.fusion.receiver import Receiver  # noqa: E402
 from somfusion_ros.ros.fusion.team_messages import (bytes_from_message,  # noqa: E402
                                                     bytes_message, clusters_from_message)
+from somfusion_ros.slam.epoch import Epoch  # noqa: E402
 from somfusion_ros.team.channels import CHANGES, MAP  # noqa: E402
 from somfusion_ros.team.config import TeamConfig  # noqa: E402
 from somfusion_ros.team.constraint import MapConstraint  # noqa: E402
@@ -283,9 +284,10 @@ def test_a_map_that_flips_between_two_buildings_is_tried_ever_more_rarely() -> N
     tried = []
     for second in range(400):
         grid = fake_grid(walls) if second // 2 % 2 else other
+        session.begin('robot9', Epoch('2e', second // 2), float(second))
         session.take_map('robot9', SharedMap(grid), float(second))
         if session.attempt(float(second)):
             tried.append(second)
     assert len(tried) < 40
     assert sum(second > 200 for second in tried) < 8
-    assert any('robot9 began a new map' in text for text in said)
+    assert any('robot9 began another map' in text for text in said)

@@ -5,6 +5,7 @@
 from helpers import cut_grid, fake_grid, fake_room
 import numpy as np
 from somfusion_ros.geometry import Pose
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.members import Team
@@ -42,6 +43,7 @@ def test_a_late_joiner_asks_for_the_map_and_takes_the_constraints() -> None:
     _, old = memory('b', ROOM)
     old.update({'b', 'c'})
     team, new = memory('c')
+    team.begin('b', Epoch())
     new.hear('b', old.known)
     new.update({'b'})
     assert new.sources == {'d': 'b'}
@@ -85,3 +87,32 @@ def test_a_kept_map_is_handed_on_bit_by_bit() -> None:
     again = SharedMap.from_cells(cells).to_cells()
     assert np.array_equal(again.values, cells.values)
     assert again[1:] == cells[1:]
+
+
+def test_of_several_words_on_which_map_it_was_the_one_that_most_say_counts() -> None:
+    """A liar alone does not move a robot that is gone; it left while b and c knew it."""
+    robots = {name: memory(name, ROOM) for name in 'bc'}
+    robots['a'] = memory('a')
+    lie = DepartedRobot('d', 10 ** 9, (constraint(NEARBY),), Epoch('9f'))
+    for name, (_, departed) in robots.items():
+        for other, (_, listening) in robots.items():
+            departed.update(set('abcz'))
+            if other != name:
+                listening.hear(name, departed.known)
+        departed.hear('z', (lie,))
+    for team, departed in robots.values():
+        departed.update(set('abcz'))
+        assert team.epochs['d'] == Epoch()
+        assert set(departed.sources.values()) <= {'b', 'c'}
+
+
+def test_a_robot_that_is_gone_without_a_map_is_forgotten() -> None:
+    team, departed = memory('b')
+    team.begin('d', Epoch())
+    team.begin('b', Epoch())
+    team.hear('d', [constraint(THERE)])
+    departed.update({'b', 'd'})
+    assert set(team.solution().group_of('b')) == {'b', 'd'}
+    departed.update({'b'})
+    assert team.solution().groups == ({'b': Pose()},)
+    assert team.heard_of('d') == ()

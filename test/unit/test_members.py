@@ -2,17 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live team: pairs only when due, hysteresis, reaching others through peers, restarts."""
 
+from dataclasses import replace
+
 from helpers import cut_grid, fake_grid, fake_room, pose_error
 import numpy as np
 import pytest
 from somfusion_ros.fusion.alignment import Alignment, RunnerUp
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.global_map import merge_grids
 from somfusion_ros.team.map_change import begun_anew, change
 from somfusion_ros.team.members import Team
-from somfusion_ros.team.pair_history import PairHistory, REFUSALS, same_pose, TUNING
+from somfusion_ros.team.pair_history import (NEAR_REFUSALS, PairHistory, REFUSALS, same_pose,
+                                             TUNING)
 from somfusion_ros.team.shared_map import SharedMap
 
 ROOM = fake_grid(fake_room())
@@ -151,6 +155,30 @@ def test_nearly_accepted_at_the_same_pose_is_no_doubt() -> None:
     assert set(told(pair, verdict(THERE), *[verdict(NEARLY_THERE, 0.9)] * 10)[1:]) == {'kept'}
 
 
+def test_nearly_accepted_again_and_again_is_not_kept_for_ever() -> None:
+    pair = PairHistory()
+    words = told(pair, verdict(THERE), *[verdict(NEARLY_THERE, 0.9)] * NEAR_REFUSALS)
+    assert words[-1] == 'withdrawn'
+    assert set(words[1:-1]) == {'kept'}
+    assert pair.held is None
+
+
+def test_a_clear_refusal_on_maps_that_stay_as_they_are_withdraws_in_the_end() -> None:
+    """The map of a robot doubled, and then the robot stopped."""
+    pair, now = PairHistory(), 0.0
+    pair.record(verdict(THERE), ROOM, ROOM, now)
+    pair.record(verdict(None, 0.0), ROOM, HALF, now)
+    assert pair.doubted
+    assert pair.probability == 0.0   # the peers are told how likely it is now
+    for _ in range(REFUSALS - 1):
+        assert pair.held is not None
+        now += TUNING.soon
+        assert pair.due(ROOM, HALF, now, 0.1)
+        pair.record(verdict(None, 0.0), ROOM, HALF, now)
+    assert pair.held is None
+    assert not pair.due(ROOM, HALF, now + 1e6, 0.1)
+
+
 def shared(grid: Grid) -> SharedMap:
     """Make a robot's map that came in a message of its own."""
     return SharedMap(copy_of(grid))
@@ -218,6 +246,9 @@ def test_a_robot_is_reached_whose_map_never_came() -> None:
     team = Team('a')
     team.update_map('a', shared(ROOM))
     team.hear('b', [said('a', 'b', THERE), said('b', 'c', ELSEWHERE)])
+    assert set(team.solution().group_of('a')) == {'a'}   # nobody told which maps they have
+    team.begin('b', Epoch())
+    team.begin('c', Epoch())
     assert set(team.solution().group_of('a')) == {'a', 'b', 'c'}
 
 
@@ -245,25 +276,60 @@ def corner_room() -> Grid:
     return fake_grid(fake_room(3.0, 2.5), T_map_walls=Pose(20.0, 0.0, 1.0))
 
 
-def test_a_robot_that_begins_a_new_map_loses_its_old_place() -> None:
+def test_a_map_that_lost_its_walls_and_its_area_was_begun_anew() -> None:
+    assert begun_anew(ROOM, corner_room())
+    assert not begun_anew(HALF, ROOM)
+    assert not begun_anew(ROOM, HALF)
+
+
+def test_what_is_said_of_a_map_dies_with_the_map() -> None:
     team = full_team('a')
     team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
     team.hear('c', [said('c', 'b', ELSEWHERE)])
-    corner = corner_room()
-    assert begun_anew(ROOM, corner)
-    assert not begun_anew(HALF, ROOM)
-    assert not begun_anew(ROOM, HALF)
-    team.update_map('b', shared(corner))
+    team.sight(said('a', 'b', THERE, 'sighting'))
+    assert not team.begin('b', Epoch())
+    assert len(team.solution().groups) == 1
+    assert team.begin('b', Epoch('2e'))
+    assert len(team.solution().groups) == 2   # its map went, too
+    assert team.own_constraints() == []
+    team.update_map('b', shared(ROOM))
     assert len(team.solution().groups) == 3
     assert team.is_due('b', 0.0)
+
+
+def test_a_word_on_a_map_counts_once_the_map_lives() -> None:
+    """States and maps overtake one another on the network."""
+    team, new = full_team('a'), Epoch('2e')
+    early = replace(said('c', 'b', ELSEWHERE), epochs=(Epoch(), new))
+    team.hear('c', [early])
+    assert len(team.solution().groups) == 3
+    team.begin('b', new)
+    assert set(team.solution().group_of('b')) == {'b', 'c'}
+    team.hear('c', [said('c', 'b', ELSEWHERE)])   # of the map that b had before
+    assert len(team.solution().groups) == 2
 
 
 def test_the_own_new_map_loses_every_place() -> None:
     team = full_team('a')
     team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
     team.record('c', verdict(THERE), *team.grids_of('c'), 0.0)
+    team.hear('b', [said('a', 'b', THERE)])
+    team.begin('a', Epoch('2e'))
     team.update_map('a', shared(corner_room()))
     assert len(team.solution().groups) == 3
+
+
+def test_an_absent_robots_old_word_does_not_outvote_a_present_match() -> None:
+    """The robot c left after it had matched b, and b began another map elsewhere."""
+    team, new = full_team('a'), Epoch('2e')
+    team.hear('c', [said('c', 'b', ELSEWHERE)] + 5 * [said('c', 'b', ELSEWHERE, 'sighting')])
+    team.hear('c', list(team.heard_of('c')) + [said('a', 'c', THERE)])
+    team.begin('b', new)
+    team.update_map('b', shared(ROOM))
+    team.record('b', verdict(NEARLY_THERE), *team.grids_of('b'), 0.0)
+    solution = team.solution()
+    assert np.allclose(solution.group_of('a')['b'], NEARLY_THERE)
+    assert not solution.dropped
 
 
 def test_sightings_join_maps() -> None:
@@ -335,12 +401,26 @@ def test_a_map_of_another_building_is_not_shown_in_a_peers_place() -> None:
     assert team.shown['b'] is team.maps['b']
 
 
-def test_a_map_that_begins_anew_again_and_again_is_counted() -> None:
+def test_a_robot_that_begins_anew_again_and_again_is_counted() -> None:
     team = full_team('a')
-    for _ in range(3):
-        team.update_map('b', shared(corner_room()))
-        team.update_map('b', shared(ROOM))
-    assert team.begun_anew['b'] == 3
+    for number in range(3):
+        team.begin('b', Epoch('2e', number))
+    assert team.begun['b'] == 3
+
+
+def test_known_poses_lapse_with_the_map_that_they_were_given_for() -> None:
+    team = Team('a', known_poses={'a': Pose(), 'b': THERE})
+    for robot in 'ab':
+        team.update_map(robot, shared(ROOM))
+    assert team.solution().group_of('a')['b'] == THERE
+    team.begin('b', Epoch('2e'))
+    team.update_map('b', shared(ROOM))
+    assert team.lapsed() == ['b']
+    assert len(team.solution().groups) == 2
+    assert team.peers() == ['b']   # from now on it is matched
+    team.reset()
+    assert team.lapsed() == []     # the user says that it holds for the map of now
+    assert team.solution().group_of('a')['b'] == THERE
 
 
 @pytest.mark.parametrize('count', [2, 3, 5, 8])

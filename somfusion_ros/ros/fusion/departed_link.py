@@ -9,6 +9,7 @@ from typing import Any
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.team_messages import bytes_message
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import MAP
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.map_codec import MapEncoder
@@ -25,7 +26,7 @@ class DepartedLink:
         self._sent: dict[str, SharedMap] = {}
         self._fetched: dict[str, tuple[str, Any]] = {}
 
-    def offer(self, maps: Mapping[str, SharedMap]) -> None:
+    def offer(self, maps: Mapping[str, SharedMap], epochs: Mapping[str, Epoch]) -> None:
         """Hand maps of absent robots to those who ask; what is back speaks for itself again."""
         for robot in self._offered.keys() - maps.keys():
             self._node.destroy_publisher(self._offered.pop(robot))
@@ -38,7 +39,7 @@ class DepartedLink:
             if publisher.get_subscription_count() and self._sent.get(robot) is not shared:
                 self._sent[robot] = shared
                 encoder = MapEncoder()
-                encoder.encode(shared.to_cells())
+                encoder.encode(shared.to_cells(), epochs[robot])
                 publisher.publish(bytes_message(encoder.key))
 
     def fetch(self, sources: Mapping[str, str]) -> None:

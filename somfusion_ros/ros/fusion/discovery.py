@@ -7,7 +7,9 @@ A robot with a fusion node of this package tells little and sends its map when t
 any other robot, whatever SLAM it runs, the whole nav_msgs/OccupancyGrid is heard.
 """
 
+from collections import Counter
 from functools import partial
+from hashlib import blake2b
 import time
 from typing import Any
 
@@ -19,7 +21,9 @@ from somfusion_ros.ros.common.peers import find_peers
 from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.team_link import TeamLink
 from somfusion_ros.team.heard import Heard
+from std_msgs.msg import String
 
+SILENT_LOOKS = 3   # in a row after which nobody is taken to tell which map it publishes
 MOST_PEERS = 64    # robots that are listened to; a flood of names must not fill the memory
 
 
@@ -37,6 +41,9 @@ class Discovery:
         self._node, self._config, self._link, self._receiver = node, config, link, receiver
         self._heard = receiver.inbox.heard
         self._own_map = node.resolve_topic_name(config.robot_map_topic)
+        self._own_epoch = node.resolve_topic_name(names.MAP_EPOCH)
+        self._publishers: dict[str, str] = {}
+        self._silent: Counter[str] = Counter()
         self._own_state = node.resolve_topic_name(f'{prefix}{names.TEAM_STATE}')
         self._first_seen: dict[str, float] = {}
         self._plain: dict[str, list[Any]] = {}
@@ -60,6 +67,7 @@ class Discovery:
             first = self._first_seen.setdefault(peer, now) if self._room_for(peer) else now
             if peer not in self._heard and now - first >= self._config.plain_map_delay:
                 self._listen_to_plain(peer)
+        self._look_at_slams()
         self.alive = self._publishing(names.RELATIVE_TRANSFORMS)
         self.present = self._publishing(self._config.robot_map_topic)
 
@@ -67,6 +75,22 @@ class Discovery:
         """Name robots that publish a state, or a plain topic where they have no fusion node."""
         return {peer for peer in self._heard if self._node.count_publishers(
             f'/{peer}/{names.TEAM_STATE if peer in self.teams else plain_topic}')}
+
+    def _look_at_slams(self) -> None:
+        """Note who publishes the maps that come without a fusion node, and who tells epochs."""
+        node, inbox = self._node, self._receiver.inbox
+        plain, name = inbox.plain, inbox.name
+        for robot in [name, *self._plain]:
+            own = robot == name
+            topic = self._own_map if own else f'/{robot}/{self._config.robot_map_topic}'
+            word = self._own_epoch if own else f'/{robot}/{names.MAP_EPOCH}'
+            self._silent[robot] = 0 if node.count_publishers(word) else self._silent[robot] + 1
+            if self._silent[robot] >= SILENT_LOOKS:
+                plain.untell(robot)
+            found = sorted(start_of(info) for info in node.get_publishers_info_by_topic(topic))
+            if found and self._publishers.get(robot) not in found:
+                self._publishers[robot] = found[0]
+                plain.publisher(robot, found[0])
 
     def _room_for(self, peer: str) -> bool:
         """Return whether one more robot may be listened to."""
@@ -93,9 +117,16 @@ class Discovery:
                                      partial(receiver.on_pose, peer), qos.STREAM),
             node.create_subscription(TransformStamped, f'/{peer}/{names.RELATIVE_TRANSFORMS}',
                                      partial(receiver.on_transform, peer),
-                                     qos.LATCHED_PER_PAIR)]
+                                     qos.LATCHED_PER_PAIR),
+            node.create_subscription(String, f'/{peer}/{names.MAP_EPOCH}',
+                                     partial(receiver.on_epoch, peer), qos.LATCHED)]
 
     def _say(self, peer: str, how: str) -> None:
         """Log a robot that is heard from now on."""
         self._heard.setdefault(peer, Heard())
         self._node.get_logger().info(f'found {peer}, with {how}')
+
+
+def start_of(publisher: Any) -> str:
+    """Return a word for a publisher that no other has, from its identifier in the middleware."""
+    return blake2b(bytes(publisher.endpoint_gid), digest_size=6).hexdigest()

@@ -34,11 +34,13 @@ from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.status import fusion_statuses, never_seen
 from somfusion_ros.ros.fusion.team_link import TeamLink
 from somfusion_ros.ros.fusion.world_transforms import WorldTransforms
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.inbox import Inbox
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.sightings import Sightings
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 REPORT_PERIOD = 1.0   # [s] between two diagnostics
@@ -93,6 +95,8 @@ class FusionNode(ManagedNode):
         self._departed = DepartedLink(part, self._prefix, receiver)
         self._discovery = Discovery(part, self._prefix, config, self._link, receiver)
         OwnMap(part, config, partial(receiver.on_map, self._name), self._count)
+        part.create_subscription(String, names.MAP_EPOCH, partial(receiver.on_epoch, self._name),
+                                 qos.LATCHED)
         part.create_subscription(PoseWithCovarianceStamped, names.ROBOT_POSE,
                                  partial(receiver.on_pose, self._name), qos.STREAM)
         part.create_subscription(Path, names.PATH, receiver.on_path, qos.LATEST)
@@ -123,7 +127,8 @@ class FusionNode(ManagedNode):
         self._discovery.look()
         snapshot = self._session.snapshot
         self._link.want(snapshot.wanted & self._discovery.teams)
-        self._departed.offer(snapshot.departed_maps)
+        self._departed.offer(snapshot.departed_maps, {gone.robot: gone.epoch
+                                                      for gone in snapshot.departed})
         self._departed.fetch(snapshot.sources)
         self._peer_topics.offer(snapshot.connected(self._name))
 
@@ -132,7 +137,7 @@ class FusionNode(ManagedNode):
         self._take_messages()
         self._sightings.settle(time.monotonic())
         snapshot = self._session.refresh(self._discovery.present)
-        self._link.say(snapshot.constraints, snapshot.departed, time.monotonic())
+        self._link.say(snapshot, time.monotonic())
         self._link.flush()
         looked_around = self._discovery.looks >= LOOKS_AROUND
         self._transforms.place(snapshot, self._discovery.alive, looked_around)
@@ -144,8 +149,8 @@ class FusionNode(ManagedNode):
         """Use all that arrived; offer the robot's own map to the peers where it changed."""
         own = self._inbox.drain()
         if own is not None:
+            self._link.share(own, self._session.epoch_of(self._name) or Epoch())
             self._publisher.learned(self._session.learned_own(), self._session.placed_peers())
-            self._link.share(own)
 
     def _draw(self, force: bool = False) -> None:
         """Draw the global map where it changed, else repeat it, not more often than is good."""
@@ -172,7 +177,8 @@ class FusionNode(ManagedNode):
 
     def _publish_team(self) -> None:
         """Publish what is accepted and where the robots are, also if nothing changed."""
-        self._publisher.team(self._session.snapshot, self._inbox.heard)
+        self._publisher.team(self._session.snapshot, self._inbox.heard,
+                             self._discovery.present)
         poses = self._inbox.heard[self._name].poses
         if poses:
             self._link.tell_pose(poses[-1], self._config.map_frame)

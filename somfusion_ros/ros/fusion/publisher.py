@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a fusion node publishes about the team, but for TF."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -22,7 +22,7 @@ from somfusion_ros.ros.fusion.frames import Frames
 from somfusion_ros.ros.fusion.markers import matched_clusters, team_markers
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.screening import outline
-from somfusion_ros.team.session import Snapshot
+from somfusion_ros.team.snapshot import Snapshot
 from visualization_msgs.msg import MarkerArray
 
 
@@ -35,8 +35,10 @@ class FusionPublisher:
         self._graded = node.create_publisher(
             OccupancyGrid, f'{merged_map_topic}{names.GRADED_SUFFIX}', qos.LATCHED)
         self._shown: tuple[OccupancyGrid, Grid] | None = None
-        self._relative = node.create_publisher(
-            TransformStamped, f'{prefix}{names.RELATIVE_TRANSFORMS}', qos.LATCHED_PER_PAIR)
+        self._relative_topic = f'{prefix}{names.RELATIVE_TRANSFORMS}'
+        self._relative = self._relative_publisher()
+        self._told: set[str] = set()
+        self._poses_told = self._bodies_told = False
         self._bodies = node.create_publisher(PoseArray, names.PEER_BODIES, qos.LATEST)
         self._pose_publishers: dict[str, Any] = {}
         self._poses = node.create_publisher(PoseArray, names.PEER_POSES, qos.STREAM)
@@ -44,6 +46,11 @@ class FusionPublisher:
                                                qos.LATCHED)
         self._markers = node.create_publisher(MarkerArray, names.MARKERS, qos.LATEST)
         self._diagnostics = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STREAM)
+
+    def _relative_publisher(self) -> Any:
+        """Make the publisher of accepted transforms, which repeats them to late joiners."""
+        return self._node.create_publisher(TransformStamped, self._relative_topic,
+                                           qos.LATCHED_PER_PAIR)
 
     def global_map(self, grid: Grid) -> None:
         """Publish a new global map."""
@@ -60,15 +67,21 @@ class FusionPublisher:
             self._graded.publish(convert.grid_message(
                 grid, message.header.frame_id, message.header.stamp, graded=True))
 
-    def team(self, snapshot: Snapshot, heard: Mapping[str, Heard]) -> None:
-        """Publish which transforms the robot itself accepted, and where the robots are."""
+    def team(self, snapshot: Snapshot, heard: Mapping[str, Heard],
+             present: Collection[str]) -> None:
+        """Publish which transforms the robot itself accepted, and where those present are."""
         stamp, world = self._now(), snapshot.world(self._frames.robot)
         own = self._frames.map_of(self._frames.robot)
+        if self._told - snapshot.own_transforms.keys():   # a late joiner must not hear these
+            self._node.destroy_publisher(self._relative)
+            self._relative = self._relative_publisher()
+        self._told = set(snapshot.own_transforms)
         for peer, pose in snapshot.own_transforms.items():
             self._relative.publish(convert.transform_message(
                 pose, own, self._frames.map_of(peer), stamp))
         self._team_poses({robot: heard[robot].poses[-1] for robot in sorted(world)
-                          if robot in heard and heard[robot].poses}, snapshot, stamp)
+                          if robot in heard and heard[robot].poses
+                          and robot in {self._frames.robot, *present}}, snapshot, stamp)
 
     def _team_poses(self, here: Mapping[str, TimedPose], snapshot: Snapshot, stamp: Time) -> None:
         """Publish where the robots are: all in one message, and each with its covariance."""
@@ -76,11 +89,13 @@ class FusionPublisher:
         world, covariances = snapshot.world(own), snapshot.solution.covariances
         poses = {robot: Pose.from_array(compose(world[robot], item.pose))
                  for robot, item in here.items()}
-        if poses:
+        if poses or self._poses_told:
+            self._poses_told = bool(poses)     # none is told once, so that the last one goes
             self._poses.publish(convert.pose_array(poses.values(), frame, stamp))
         others = [between(world[own], pose) for robot, pose in poses.items()
-                  if robot != own]
-        if others:
+                  if robot in snapshot.own_transforms]
+        if others or self._bodies_told:
+            self._bodies_told = bool(others)
             self._bodies.publish(convert.pose_array(map(Pose.from_array, others),
                                                     self._frames.own, stamp))
         for robot, pose in poses.items():

@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from somfusion_ros.ros.common.diagnostics import status
 from somfusion_ros.team.channels import CLUSTERS, MAP_CHANNELS
 from somfusion_ros.team.heard import Heard
-from somfusion_ros.team.session import Snapshot
+from somfusion_ros.team.snapshot import Snapshot
 from somfusion_ros.team.world import anchor_of
 
 

@@ -20,12 +20,12 @@ from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import pose_with_covariance, time_message
 from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.team_messages import bytes_message
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP
-from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.heard import TimedPose
 from somfusion_ros.team.outbox import Outbox
 from somfusion_ros.team.shared_map import MapCells
+from somfusion_ros.team.snapshot import Snapshot
 from somfusion_ros.team.state_codec import decode_state
 from std_msgs.msg import String, UInt8MultiArray
 
@@ -39,6 +39,8 @@ class TeamLink:
                  count: Callable[..., None]) -> None:
         self._node, self._receiver, self._count = node, receiver, count
         self._outbox = Outbox(uuid4().hex[:12])
+        self._epoch: Epoch | None = None
+        self._since = 0
         self._wanted: set[str] = set()
         self._clusters: dict[str, Any] = {}
         self._state = node.create_publisher(String, f'{prefix}{names.TEAM_STATE}', qos.LATCHED)
@@ -55,7 +57,7 @@ class TeamLink:
         on = self._receiver
         self._subscribe(String, peer, names.TEAM_STATE, on.on_state)
         self._clusters[peer] = self._subscribe(PointCloud2, peer, names.CLUSTERS, on.on_clusters)
-        self._subscribe(PoseWithCovarianceStamped, peer, names.TEAM_POSE, on.on_pose)
+        self._subscribe(PoseWithCovarianceStamped, peer, names.TEAM_POSE, on.on_team_pose)
 
     def want(self, peers: Collection[str]) -> None:
         """Subscribe to the maps of some peers, in place of their clusters."""
@@ -66,22 +68,24 @@ class TeamLink:
                 self._subscribe(UInt8MultiArray, peer, topic,
                                 partial(self._receiver.on_bytes, channel=channel))
 
-    def say(self, constraints: Collection[MapConstraint], departed: Collection[DepartedRobot],
-            now: float) -> None:
+    def say(self, snapshot: Snapshot, now: float) -> None:
         """Publish what the robot accepts, where it changed or a heartbeat is due."""
-        text = self._outbox.state(constraints, departed, now)
+        self._since = min(self._since, self._node.get_clock().now().nanoseconds)   # time may jump
+        text = self._outbox.state(snapshot, self._since, now)
         if text is not None:
             self._state.publish(String(data=text))
 
     def tell_pose(self, here: TimedPose, frame: str) -> None:
-        """Publish where the robot is, if it moved."""
-        if self._outbox.moved(here):
-            self._pose.publish(pose_with_covariance(here.pose, here.covariance, frame,
-                                                    time_message(here.stamp)))
+        """Publish where the robot is, and in which map, if it moved."""
+        if self._epoch is not None and self._outbox.moved(here):
+            self._pose.publish(pose_with_covariance(
+                here.pose, here.covariance, f'{frame}@{self._epoch}', time_message(here.stamp)))
 
-    def share(self, cells: MapCells) -> None:
-        """Keep the robot's newest map, for those who want it."""
-        self._outbox.share(cells)
+    def share(self, cells: MapCells, epoch: Epoch) -> None:
+        """Keep the robot's newest map, before its clusters are published."""
+        if epoch != self._epoch:
+            self._epoch, self._since = epoch, self._node.get_clock().now().nanoseconds
+        self._outbox.share(cells, epoch)
 
     def flush(self) -> None:
         """Send the map, or what changed of it, where somebody listens and has not got it yet."""

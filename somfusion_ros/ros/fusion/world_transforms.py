@@ -11,7 +11,7 @@ from somfusion_ros.node_config import FusionNodeConfig
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common.tf import Broadcaster
 from somfusion_ros.ros.fusion.frames import Frames
-from somfusion_ros.team.session import Snapshot
+from somfusion_ros.team.snapshot import Snapshot
 
 
 class WorldTransforms:

@@ -1,0 +1,71 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+One voice per robot and pair: all that one author says of two maps, made one constraint.
+
+A robot that says a thing twice, or as a match and as a sighting, is not to outvote two others.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+from somfusion_ros.geometry import Pose, wrap
+from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, turned, with_drift
+
+
+def one_voice_each(constraints: Iterable[MapConstraint],
+                   ) -> tuple[list[MapConstraint], list[Dropped]]:
+    """
+    Merge what each author says of each pair; return that, and what contradicts it.
+
+    What the user gave counts before a match, and a match before sightings; of sightings alone
+    those count that most agree with.
+    """
+    said: dict[tuple[str, ...], list[MapConstraint]] = {}
+    for one in constraints:
+        said.setdefault((*sorted(one.robots), one.author), []).append(one)
+    voices: list[MapConstraint] = []
+    wrong: list[Dropped] = []
+    for _, of_one in sorted(said.items(), key=lambda item: item[0]):
+        voice, left_out = _voice(of_one)
+        voices.append(voice)
+        wrong += left_out
+    return voices, wrong
+
+
+def _voice(said: Sequence[MapConstraint]) -> tuple[MapConstraint, list[Dropped]]:
+    """Merge what one author says of one pair."""
+    if len(said) == 1:
+        return said[0], []
+    alike = sorted((one if one.target < one.source else turned(one) for one in said),
+                   key=lambda one: (one.kind, one.T_target_source))
+    agree = np.array([[_agree(one, other) for other in alike] for one in alike])
+    first = max(range(len(alike)), key=lambda k: (alike[k].kind != 'sighting', agree[k].sum()))
+    leader = alike[first]
+    return (_merged(leader, [one for one, agrees in zip(alike, agree[first]) if agrees]),
+            [Dropped(one, f'{one.target} - {one.source} ({one.kind}) contradicts what '
+                     f'{one.author or "the same source"} says otherwise ({leader.kind})')
+             for one, agrees in zip(alike, agree[first]) if not agrees])
+
+
+def _agree(one: MapConstraint, other: MapConstraint) -> bool:
+    """Return whether noise, and the drift of the two maps, explain how two constraints differ."""
+    off = np.subtract(other.T_target_source, one.T_target_source)
+    off[2] = wrap(off[2])
+    P = with_drift(one.T_target_source, one.covariance) + other.covariance
+    return bool(off @ np.linalg.solve(P, off) <= chdtri(3, 1.0 - TUNING.contradiction))
+
+
+def _merged(leader: MapConstraint, agreeing: Sequence[MapConstraint]) -> MapConstraint:
+    """Merge what agrees with a leader: constraints of one kind hang together and count as one."""
+    kinds = [one.kind for one in agreeing]
+    weights = [np.linalg.inv(one.covariance) / kinds.count(one.kind) for one in agreeing]
+    off = np.array([np.subtract(one.T_target_source, leader.T_target_source)
+                    for one in agreeing])
+    off[:, 2] = wrap(off[:, 2])
+    P = np.linalg.inv(np.sum(weights, axis=0))
+    mean = np.add(leader.T_target_source, P @ np.einsum('nij,nj->i', np.array(weights), off))
+    return replace(leader, T_target_source=Pose.from_array(mean), covariance=(P + P.T) / 2.0,
+                   probability=max(one.probability for one in agreeing))
