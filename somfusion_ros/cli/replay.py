@@ -14,14 +14,18 @@ def add(commands: argparse._SubParsersAction) -> None:
         description='Run the SLAM over one bag per robot, then merge the maps. Topics, laser '
                     'mount and odometry are found in each bag unless they are named here.')
     command.add_argument('bags', nargs='+', metavar='BAG',
-                         help='rosbag1, or rosbag2 in sqlite3 or mcap; one robot per bag')
+                         help='rosbag1, or rosbag2 in sqlite3 or mcap; one robot '
+                              'per bag, or several in namespaces')
     add_output(command)
+    command.add_argument('--namespaces', nargs='+', default=[], metavar='ROBOT',
+                         help='namespaces of the robots in one bag (default: all that it holds)')
     command.add_argument('--scan-topic', help='topic of the laser scans')
     command.add_argument('--odom-topic', help='topic of nav_msgs/Odometry')
     command.add_argument('--odometry-source', default='auto',
-                         choices=['auto', 'odom', 'encoders', 'tf'],
+                         choices=['auto', 'odom', 'encoders', 'tf', 'none'],
                          help='odom: nav_msgs/Odometry; encoders: two wheels in joint states; '
-                              'tf: odom -> base in /tf; auto: the first of these in the bag')
+                              'tf: odom -> base in /tf; none: from the scans alone; auto: the '
+                              'first of odom, encoders and tf in the bag')
     command.add_argument('--laser-pose', type=pose, metavar='X,Y,THETA',
                          help='laser in the base frame [m, m, rad], instead of tf_static; '
                               'write --laser-pose=-0.1,0,0 where X is negative')
@@ -52,4 +56,4 @@ def run(options: argparse.Namespace) -> None:
     replay(options.bags, options.output, ReplayOptions(
         bags, make(SlamConfig, values, **given(resolution=options.resolution)),
         make(FusionConfig, values, **given(method=options.method)),
-        options.jobs, not options.no_report, options.bag))
+        options.jobs, not options.no_report, options.bag, tuple(options.namespaces)))

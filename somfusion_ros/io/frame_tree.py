@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.io.frame_names import (BASE_FRAMES, is_moving, plain, prefix, similar,
+                                          spellings)
 
-BASE_FRAMES = ('base_link', 'base_footprint', 'base')
-MOVING = ('odom', 'map', 'world')   # parents of transforms that are no part of the robot
 LARGEST_TILT = np.radians(10.0)   # a plane tilted more does not see the walls of one floor plan
+LARGEST_TREE = 10000   # transforms; a robot has tens
 
 
 @dataclass(frozen=True)
@@ -24,42 +25,89 @@ class Mount:
 
 
 class FrameTree:
-    """Transforms that never change, by parent and child frame, from any number of messages."""
+    """
+    Transforms that never change, by parent and child frame, from any number of messages.
+
+    corrected: parent and child of those that were published anew with other values.
+    """
 
     def __init__(self) -> None:
-        self._edges: dict[tuple[str, str], Array] = {}
+        self._transforms: dict[tuple[str, str], Array] = {}
+        self._parents: dict[str, str] = {}   # as published on tf_static
+        self.corrected: list[tuple[str, str]] = []
 
-    def add(self, transforms: Iterable[Any]) -> None:
-        """Keep geometry_msgs/TransformStamped; what moves or is no rotation is left out."""
+    def add(self, transforms: Iterable[Any], static: bool = True) -> None:
+        """
+        Keep geometry_msgs/TransformStamped; what moves or is no rotation is left out.
+
+        Of those published on tf_static the newest holds, of those repeated on tf the first.
+        """
         for item in transforms:
             parent, child = plain(item.header.frame_id), plain(item.child_frame_id)
-            if parent.rpartition('/')[2] in MOVING:
-                continue
             T = _matrix(item.transform)
-            if np.isfinite(T).all():
-                self._edges.setdefault((parent, child), T)
+            if is_moving(parent) or not np.isfinite(T).all():
+                continue
+            if static:
+                self._correct(parent, child, T)
+            elif child not in self._parents and len(self._transforms) < LARGEST_TREE:
+                self._transforms.setdefault((parent, child), T)
 
-    def mount(self, base_frame: str, laser_frame: str) -> Mount | None:
+    def mount(self, base_frame: str, laser_frame: str, robot: str = '') -> Mount | None:
         """
         Compose the chain of transforms from base to laser; None where there is no chain.
 
         The usual names of the base stand in for one another: encoders name no frame, and a chain
-        often begins at base_link where the odometry speaks of base_footprint right below.
-        ValueError where the laser does not scan the plane.
+        often begins at base_link where the odometry speaks of base_footprint right below. Names
+        are tried with and without the prefix of the robot. ValueError where the laser does not
+        scan the plane.
         """
         base_frame, laser_frame = plain(base_frame), plain(laser_frame)
         if laser_frame == base_frame:
             return Mount(Pose())
-        prefix = base_frame.rpartition('/')[0]
-        for base in (base_frame, *(plain(f'{prefix}/{name}') for name in BASE_FRAMES)):
-            T = self._chain(base, laser_frame)
-            if T is not None:
-                return _planar(T, laser_frame)
+        known = self._frames()
+        before = prefix(base_frame)
+        bases = (base_frame, *(plain(f'{before}/{name}') for name in BASE_FRAMES))
+        lasers = spellings(laser_frame, robot or before, known)
+        for base in (name for frame in bases
+                     for name in spellings(frame, robot or prefix(laser_frame), known)):
+            for laser in lasers:
+                T = self._chain(base, laser)
+                if T is not None:
+                    return _planar(T, laser)
         return None
+
+    def similar(self, base_frame: str, laser_frame: str, robot: str = '') -> list[str]:
+        """Frames that hang on the base and are spelt like a laser's, where it has no mount."""
+        found = similar(laser_frame, robot, self._frames())
+        return [name for name in found if self._hangs_on(base_frame, name, robot)]
+
+    def _hangs_on(self, base_frame: str, name: str, robot: str) -> bool:
+        """Tell whether there is a chain from the base to a frame, whatever its tilt."""
+        try:
+            return self.mount(base_frame, name, robot) is not None
+        except ValueError:
+            return True
+
+    def _frames(self) -> set[str]:
+        """Names of all frames."""
+        return {frame for pair in self._transforms for frame in pair}
+
+    def _correct(self, parent: str, child: str, T: Array) -> None:
+        """Keep a transform of tf_static in place of what was known of its child."""
+        before = self._parents.get(child)
+        if before is not None and (before != parent or not np.allclose(
+                T, self._transforms[before, child], atol=1e-4)):
+            self.corrected.append((parent, child))
+            del self._transforms[before, child]
+            del self.corrected[:-LARGEST_TREE]
+        if before is None and len(self._transforms) >= LARGEST_TREE:
+            return
+        self._transforms[parent, child], self._parents[child] = T, parent
 
     def _chain(self, start: str, goal: str) -> Array | None:
         """Compose the shortest chain, taken forwards or backwards, breadth first."""
-        both = {(b, a): np.linalg.inv(T) for (a, b), T in self._edges.items()} | self._edges
+        both = {(b, a): np.linalg.inv(T) for (a, b), T in self._transforms.items()}
+        both |= self._transforms
         reached, queue = {start: np.eye(4)}, deque([start])
         while queue:
             frame = queue.popleft()
@@ -68,11 +116,6 @@ class FrameTree:
                     reached[b] = reached[a] @ T
                     queue.append(b)
         return reached.get(goal)
-
-
-def plain(frame: str) -> str:
-    """Frame name without the leading slash of old logs."""
-    return frame.lstrip('/')
 
 
 def yaw(quaternion: Any) -> float:

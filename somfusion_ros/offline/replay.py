@@ -3,7 +3,7 @@
 """`somfusion replay`: bags in; per robot a map and a trajectory, for a team the global map."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 import time
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from somfusion_ros import __version__
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.io.bags.log import BagOptions, open_log
+from somfusion_ros.io.bags.log import BagOptions, Log, open_log, robots_in
 from somfusion_ros.io.console import complain, say
 from somfusion_ros.io.maps import write_map
 from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
@@ -30,7 +30,11 @@ from somfusion_ros.team.view_set import ViewSet
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """How to replay: what to use of the bags, parameters, processes, pictures, a bag."""
+    """
+    How to replay: what to use of the bags, parameters, processes, pictures, a bag.
+
+    namespaces: of the robots in each bag; empty: all that are found.
+    """
 
     bags: BagOptions = field(default_factory=BagOptions)
     slam: SlamConfig = field(default_factory=SlamConfig)
@@ -38,19 +42,20 @@ class ReplayOptions:
     jobs: int | None = None
     pictures: bool = True
     bag: bool = False
+    namespaces: tuple[str, ...] = ()
 
 
 def replay(bags: Sequence[str | Path], output: str | Path,
            options: ReplayOptions | None = None) -> dict[str, Any]:
     """
-    Replay one bag per robot; write everything into a folder; return what is in result.json.
+    Replay bags of one robot or of several; write everything into a folder; return what is in result.json.
 
     Raises BagError or MapError, with one line, where a bag or the folder cannot be used.
     """
     options = options or ReplayOptions()
     started = time.perf_counter()
-    logs = {f'robot{number}': open_log(bag, options.bags)
-            for number, bag in enumerate(bags, start=1)}
+    logs = {f'robot{number}': log
+            for number, log in enumerate(open_logs(bags, options), start=1)}
     folder = make_folder(output)
     for log in logs.values():
         for note in log.notes:
@@ -92,6 +97,17 @@ def save_joint(folder: Path, runs: Mapping[str, RobotRun], fusion: Fusion) -> No
         write_map(folder / name, draw_joint(fusion.views, fusion.elastic.poses,
                                             run.grid.resolution, (name,)), 'joint_map')
 
+def open_logs(bags: Sequence[str | Path], options: ReplayOptions) -> list[Log]:
+    """Open the log of every robot: one per bag, or all that a bag holds."""
+    logs = []
+    for bag in bags:
+        names = options.namespaces or robots_in(bag)
+        if len(names) > 1 and not options.namespaces:
+            say(f'{bag}: robots {", ".join(names)}')
+        logs += [open_log(bag, replace(options.bags, namespace=name.strip('/')))
+                 for name in names]
+    return logs
+
 
 def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
     """Write one robot's map and trajectories; return its part of result.json."""
@@ -106,6 +122,7 @@ def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
         'odometry_topic': run.log.odometry_topic,
         'odometry_source': run.log.odometry_source,
         'laser_pose': list(run.log.T_base_laser),
+        'namespace': run.log.options.namespace,
         'scans': len(ms),
         'views': len(run.views),
         'view_bytes': run.facts.size,

@@ -19,6 +19,8 @@ class Laser:
 
     def mend(self, scan: Scan) -> Scan:
         """Return the scan as it was meant."""
+        if scan.odd:
+            self._count('scan_angles_contradict', scan.odd)
         fault = scan.fault()
         if fault:
             self._count(fault, fault_words(scan))

@@ -6,6 +6,7 @@ Scans paired with the odometry of their time, whatever order and whatever stamps
 Live nodes and replays go through here alike. Nothing here knows a message or a clock.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from somfusion_ros.slam.stamps import Judgement, StampStream
 
 CONTINUED_DISTANCE = 1.0   # [m] odometry that moved less than this across a jump of time goes on
 CONTINUED_HEADING = 1.0    # [rad]
+MOST_LASERS = 16           # of one robot, whose habits are learned
 USUAL_PERIOD = 0.05        # [s] of odometry whose rate is not known yet
 LATE = 1.0                 # [s] a stamp that lies this little before the last one is late
 PATIENCE = 4.0             # timeouts that a scan may wait until its place in time is known
@@ -65,10 +67,11 @@ class Pairing:
         self._began_anew = began_anew
         self.odometry = OdometryBuffer(count)
         self._queue = ScanQueue(self.odometry, timeout, count, capacity)
-        self._scan_stamps, self._odometry_stamps = StampStream(), StampStream()
+        self._odometry_stamps = StampStream()
+        self._scan_stamps: defaultdict[str, StampStream] = defaultdict(StampStream)
         self._clock = ScanClock(count)
         self._newest_pose: Array | None = None
-        self._laser = Laser(count)
+        self._lasers: dict[str, Laser] = {}
 
     def add_odometry(self, stamp: float, pose: Array, slip: Array | None = None) -> None:
         """Take T_odom_base (3,) at a stamp [s]."""
@@ -76,8 +79,12 @@ class Pairing:
 
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
         """Take a scan; now [s] is any steady time."""
-        scan = self._laser.mend(scan)
-        self._add_scans(self._scan_stamps.add(scan.stamp, Tagged(scan, tag, now)))
+        if scan.laser not in self._lasers and len(self._lasers) < MOST_LASERS:
+            self._lasers[scan.laser] = Laser(self._count)
+        if scan.laser in self._lasers:
+            scan = self._lasers[scan.laser].mend(scan)
+        stamps = self._scan_stamps[scan.laser if scan.laser in self._lasers else '']
+        self._add_scans(stamps.add(scan.stamp, Tagged(scan, tag, now)), stamps.last)
 
     def take(self, now: float) -> Paired | None:
         """Return the next scan that the odometry covers; None where there is none yet."""
@@ -91,7 +98,8 @@ class Pairing:
     def finish(self) -> Iterator[Paired]:
         """Yield what still waits at the end of a log, with the odometry that there is."""
         self._add_odometry(self._odometry_stamps.flush())
-        self._add_scans(self._scan_stamps.flush())
+        for stamps in self._scan_stamps.values():
+            self._add_scans(stamps.flush(), stamps.last)
         self._wait(self._clock.undecided)
         self._clock.forget()
         while found := self.take(np.inf):
@@ -115,9 +123,9 @@ class Pairing:
                 self._newest_pose = np.array(pose, dtype=float)
         self._place()
 
-    def _add_scans(self, judged: Judgement) -> None:
+    def _add_scans(self, judged: Judgement, last: float) -> None:
         """Let the scans whose stamps are good wait for their odometry."""
-        self._count_stray('scan', judged.stray, self._scan_stamps.last)
+        self._count_stray('scan', judged.stray, last)
         if judged.leap:
             self._count_leap('scan', judged)
             self._clock.leapt('scan', judged.leap, self._newest_odometry)
@@ -133,7 +141,8 @@ class Pairing:
         """Let scans wait for their odometry."""
         for stamp, _, (scan, tag, arrived) in scans:
             stamp += self._clock.shift
-            self._queue.add(stamp, (replace(scan, stamp=stamp), tag), arrived, scan.sweep)
+            self._queue.add(stamp, (replace(scan, stamp=stamp), tag), arrived, scan.sweep,
+                            scan.laser)
 
     def _drop_undecided(self, now: float) -> None:
         """Drop scans of which it never came out where in time they belong."""

@@ -23,7 +23,8 @@ class Scan:
 
     stamp [s] of the first beam, ranges (B,) [m], angles [rad] in the laser frame, range limits
     [m], time_increment [s] between beams, and the laser's mount on the robot. open_reach (B,)
-    [m]: how far a beam without a return frees space, None: as far as the laser reaches.
+    [m]: how far a beam without a return frees space, None: as far as the laser reaches. laser: a
+    name of the laser that took it; odd: what had to be mended in the message.
     """
 
     stamp: float
@@ -35,6 +36,8 @@ class Scan:
     time_increment: float = 0.0
     T_base_laser: Pose = field(default_factory=Pose)
     open_reach: Array | None = None
+    laser: str = ''
+    odd: str = ''
 
     @property
     def sweep(self) -> float:

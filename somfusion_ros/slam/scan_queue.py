@@ -13,15 +13,17 @@ from typing import Any, NamedTuple
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 
 MAX_WAITING = 200       # scans, of a live stream
+OTHER_LASER = 0.3       # [s] for which a scan waits for an older one of another laser
 
 
 class Waiting(NamedTuple):
-    """A scan that waits: stamp and sweep [s], when it arrived [s, steady clock], and the scan."""
+    """A scan that waits: stamp and sweep [s], arrival [s, steady clock], the scan, its laser."""
 
     stamp: float
     sweep: float
     arrived: float
     item: Any
+    laser: str
 
 
 class ScanQueue:
@@ -32,17 +34,29 @@ class ScanQueue:
         self._buffer, self._timeout, self._count = buffer, timeout, count
         self._capacity = capacity
         self._waiting: deque[Waiting] = deque()
+        self._newest: dict[str, float] = {}   # stamp [s] by laser
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, stamp: float, item: Any, now: float, sweep: float = 0.0) -> None:
-        """Let a scan wait; those that wait with a later stamp were not of this time."""
-        while self._waiting and self._waiting[-1].stamp > stamp:
-            later = self._waiting.pop()
-            self._count('scan_stamps_stray', f'one is stamped {later.stamp:.3f} s, those after it '
-                        f'{stamp:.3f} s')
-        self._waiting.append(Waiting(stamp, sweep, now, item))
+    def add(self, stamp: float, item: Any, now: float, sweep: float = 0.0, laser: str = ''
+            ) -> None:
+        """
+        Let a scan wait, in the order of the stamps of all lasers.
+
+        Scans of the same laser that wait with a later stamp were not of this time.
+        """
+        strays = [i for i, other in enumerate(self._waiting)
+                  if other.laser == laser and other.stamp > stamp]
+        for i in reversed(strays):
+            self._count('scan_stamps_stray', f'one is stamped {self._waiting[i].stamp:.3f} s, '
+                        f'those after it {stamp:.3f} s')
+            del self._waiting[i]
+        place = len(self._waiting)
+        while place and self._waiting[place - 1].stamp > stamp:
+            place -= 1
+        self._waiting.insert(place, Waiting(stamp, sweep, now, item, laser))
+        self._newest[laser] = stamp
         if len(self._waiting) > self._capacity:
             first = self._waiting.popleft()
             if self._buffer.covers(first.stamp, first.sweep):
@@ -60,6 +74,8 @@ class ScanQueue:
         while self._waiting:
             first = self._waiting[0]
             late = now - first.arrived > self._timeout
+            if not late and self._is_early(first.stamp):
+                return
             odometry = self._buffer.at(first.stamp, 0.0 if late else first.sweep)
             if odometry is None and late:
                 odometry = self._buffer.extrapolated(first.stamp)
@@ -74,6 +90,12 @@ class ScanQueue:
     def clear(self) -> None:
         """Let no scan wait any more, after a jump in time."""
         self._waiting.clear()
+        self._newest.clear()
+
+    def _is_early(self, stamp: float) -> bool:
+        """Tell whether an older scan of another laser may still come."""
+        newest = self._newest.values()
+        return len(newest) > 1 and min(newest) < stamp and max(newest) - stamp < OTHER_LASER
 
     def _drop(self, scan: Waiting) -> None:
         """Count a scan that no odometry covers, with what is true of it."""

@@ -9,21 +9,24 @@ decided in one place for logs and live scans alike, `somfusion_ros.slam.scan`.
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from somfusion_ros.geometry import Pose
-from somfusion_ros.io.bags import topics
 from somfusion_ros.io.bags.odometry import converter
 from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.bags.reader import BagError, BagReader
+from somfusion_ros.io.bags.topics import (choose_odometry, choose_scan_topics, find_robots,
+                                          OdometrySource, stamp)
 from somfusion_ros.io.bags.transforms import find_mount
+from somfusion_ros.io.frame_names import plain
+from somfusion_ros.io.frame_tree import Mount
+from somfusion_ros.io.scan_messages import scan_from
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Scan
 
-__all__ = ['BagError', 'BagOptions', 'Log', 'open_log']
+__all__ = ['BagError', 'BagOptions', 'Log', 'open_log', 'robots_in']
 
 REORDER_WINDOW = 64   # records among which one that was written late finds its place
 HOLE = 1.5            # usual times between two records, that one is missing between
@@ -34,20 +37,43 @@ class Log:
     """
     One robot's log: iterate over it for Scan and Odometry records in the order of recording.
 
+    lasers: the mount of each laser by the topic of its scans; odometry: where it comes from;
     counters holds what was left out and why; notes are sentences for the user; duration [s].
     """
 
     path: Path
-    scan_topic: str
-    odometry_topic: str
-    odometry_source: str
-    T_base_laser: Pose
-    upside_down: bool
+    lasers: dict[str, Mount]
+    odometry: OdometrySource
     scan_count: int
     duration: float
     options: BagOptions
     notes: list[str] = field(default_factory=list)
     counters: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def scan_topic(self) -> str:
+        """Topic of the scans; of several lasers all topics, with commas between."""
+        return ', '.join(self.lasers)
+
+    @property
+    def odometry_source(self) -> str:
+        """Kind of odometry: odom, encoders, tf or none."""
+        return self.odometry.kind
+
+    @property
+    def odometry_topic(self) -> str:
+        """Topic of the odometry."""
+        return self.odometry.topic
+
+    @property
+    def T_base_laser(self) -> Pose:
+        """Mount of the first laser."""
+        return next(iter(self.lasers.values())).T_base_laser
+
+    @property
+    def upside_down(self) -> bool:
+        """Tell whether the first laser hangs upside down."""
+        return next(iter(self.lasers.values())).upside_down
 
     def __iter__(self) -> Iterator[Scan | Odometry]:
         """Yield the records; BagError where the bag ends before its time."""
@@ -56,28 +82,17 @@ class Log:
 
     def _records(self) -> Iterator[Scan | Odometry]:
         """Yield the records as they were written."""
-        convert = converter(self.odometry_source, self.options, self.path)
+        convert = converter(self.odometry, self.options, self.path)
+        topics = {*self.lasers, self.odometry.topic}
         with BagReader(self.path) as reader:
-            for topic, log_time, message in reader.messages({self.scan_topic,
-                                                             self.odometry_topic}):
-                if topic == self.scan_topic:
-                    yield self._scan(message, log_time)
+            for topic, log_time, message in reader.messages(topics):
+                if topic in self.lasers:
+                    yield scan_from(message, self.lasers[topic],
+                                    stamp(message.header, log_time), topic)
                 else:
                     odometry = convert(message, log_time)
                     if odometry is not None and self._usable(odometry):
                         yield odometry
-
-    def _scan(self, message: Any, log_time: float) -> Scan:
-        """Convert a LaserScan; one seen upside down turns the other way round."""
-        turn = -1.0 if self.upside_down else 1.0
-        with np.errstate(invalid='ignore'):   # a damaged file may hold signalling NaN
-            ranges = np.asarray(message.ranges, dtype=float)
-        return Scan(
-            stamp=topics.stamp(message.header, log_time), ranges=ranges,
-            angle_min=turn * float(message.angle_min),
-            angle_increment=turn * float(message.angle_increment),
-            range_min=float(message.range_min), range_max=float(message.range_max),
-            time_increment=float(message.time_increment), T_base_laser=self.T_base_laser)
 
     def _usable(self, odometry: Odometry) -> bool:
         """Tell whether odometry is finite, and count it otherwise."""
@@ -89,7 +104,7 @@ class Log:
 
 def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
     """
-    Find out what a bag holds.
+    Find out what a bag holds of a robot.
 
     Parameters
     ----------
@@ -103,23 +118,37 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
     """
     options = options or BagOptions()
     with BagReader(path) as reader:
-        scan_topic = topics.choose_scan_topic(reader, options.scan_topic)
-        scan = reader.first(scan_topic)
-        source, topic = topics.choose_odometry(reader, options)
-        base_frame = topics.base_frame(reader, source, topic)
-        log = Log(path=reader.path, scan_topic=scan_topic, odometry_topic=topic,
-                  odometry_source=source, T_base_laser=Pose(), upside_down=False,
-                  scan_count=reader.count(scan_topic), duration=reader.duration,
-                  options=options)
-        if options.laser_pose is not None:
-            return replace(log, T_base_laser=Pose.from_array(options.laser_pose))
-        mount = find_mount(reader, base_frame, topics.plain(scan.header.frame_id))
-        if mount is None:
-            return replace(log, notes=[
-                f'{reader.path}: no transform from {base_frame} to '
-                f'{topics.plain(scan.header.frame_id)!r}; the laser is taken to sit in '
-                f'{base_frame} (give --laser-pose)'])
-        return replace(log, T_base_laser=mount.T_base_laser, upside_down=mount.upside_down)
+        topics = choose_scan_topics(reader, options)
+        odometry = choose_odometry(reader, options)
+        notes = list(reader.notes)
+        lasers = {topic: _mount_of(reader, topic, odometry.base_frame, options, notes)
+                  for topic in topics}
+        if len(topics) > 1 and any('is taken to sit' in note for note in notes):
+            raise reader.error(f'several topics with laser scans: {", ".join(topics)}; name one '
+                               'by --scan-topic, or record where each laser sits on /tf_static')
+        return Log(path=reader.path, lasers=lasers, odometry=odometry,
+                   scan_count=sum(map(reader.count, topics)), duration=reader.duration,
+                   options=options, notes=notes)
+
+
+def robots_in(path: str | Path) -> list[str]:
+    """Find the namespaces of the robots in a bag; [''] where it is one robot's."""
+    with BagReader(path) as reader:
+        return find_robots(reader)
+
+
+def _mount_of(reader: BagReader, topic: str, base_frame: str, options: BagOptions,
+              notes: list[str]) -> Mount:
+    """Find the mount of the laser whose scans are on a topic, and note what is odd about it."""
+    if options.laser_pose is not None:
+        return Mount(Pose.from_array(options.laser_pose))
+    frame = plain(reader.first(topic).header.frame_id)
+    mount, odd = find_mount(reader, base_frame, frame, options.namespace)
+    notes += odd
+    if mount is None:
+        notes.append(f'{reader.path}: no transform from {base_frame} to {frame!r}; the laser is '
+                     f'taken to sit in {base_frame} (give --laser-pose)')
+    return mount or Mount(Pose())
 
 
 def _in_order(records: Iterator[Scan | Odometry]) -> Iterator[Scan | Odometry]:

@@ -10,20 +10,21 @@ import numpy as np
 from somfusion_ros.geometry import Array, between
 from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.bags.reader import BagError
-from somfusion_ros.io.bags.topics import odometry_frames, stamp
-from somfusion_ros.io.frame_tree import plain, yaw
+from somfusion_ros.io.bags.topics import OdometrySource, stamp
+from somfusion_ros.io.frame_names import plain
+from somfusion_ros.io.frame_tree import yaw
 from somfusion_ros.slam.motion import Odometry, WheelOdometry
 
 Converter = Callable[[Any, float], Odometry | None]
 
 
-def converter(source: str, options: BagOptions, path: Path) -> Converter:
+def converter(source: OdometrySource, options: BagOptions, path: Path) -> Converter:
     """Return the function (message, time of recording) -> Odometry or None for a source."""
-    if source == 'odom':
+    if source.kind == 'odom':
         return from_odometry
-    if source == 'encoders':
+    if source.kind == 'encoders':
         return Encoders(options, path)
-    return Transforms()
+    return TransformOdometry(source.frames)
 
 
 def from_odometry(message: Any, log_time: float) -> Odometry:
@@ -70,16 +71,15 @@ def find_wheels(names: list[str]) -> tuple[int | None, int | None]:
     return find('left'), find('right')
 
 
-class Transforms:
-    """The odom -> base transform in /tf."""
+class TransformOdometry:
+    """The transform odom -> base in messages of /tf, by the names of its two frames."""
 
-    def __init__(self) -> None:
-        self._frames: tuple[str, str] | None = None
+    def __init__(self, frames: tuple[str, str] | None) -> None:
+        self._frames = frames
         self._differences = Differences()
 
     def __call__(self, message: Any, log_time: float) -> Odometry | None:
         """Convert one message; None where it holds no odometry."""
-        self._frames = self._frames or odometry_frames(message)
         for item in message.transforms:
             if (plain(item.header.frame_id), plain(item.child_frame_id)) == self._frames:
                 t = item.transform

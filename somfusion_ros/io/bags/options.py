@@ -6,15 +6,17 @@ from dataclasses import dataclass
 
 from somfusion_ros.geometry import Pose
 
+SOURCES = ('auto', 'odom', 'encoders', 'tf', 'none')
+
 
 @dataclass(frozen=True)
 class BagOptions:
     """
     What is to be used of a bag; None and 'auto' mean: found in the bag.
 
-    odometry_source is auto, odom, encoders or tf. Encoders need wheel_radius and
-    wheel_separation [m]. laser_pose is T_base_laser; scans of a laser mounted upside down are
-    turned over only when the mount comes from the bag.
+    odometry_source is one of SOURCES. Encoders need wheel_radius and wheel_separation [m].
+    laser_pose is T_base_laser; scans of a laser mounted upside down are turned over only when the
+    mount comes from the bag. namespace is that of one robot of several; '' the only one.
     """
 
     scan_topic: str | None = None
@@ -23,3 +25,4 @@ class BagOptions:
     laser_pose: Pose | None = None
     wheel_radius: float | None = None
     wheel_separation: float | None = None
+    namespace: str = ''

@@ -22,6 +22,7 @@ class BagReader:
     def __init__(self, path: str | Path) -> None:
         self.path = _resolve(Path(path))
         self._reader: AnyReader | None = None
+        self.notes: list[str] = []
 
     def __enter__(self) -> 'BagReader':
         try:

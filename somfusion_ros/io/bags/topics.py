@@ -1,107 +1,150 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics and frames of a bag hold the scans and the odometry."""
+"""Which topics and frames of a bag hold the scans and the odometry of a robot."""
 
+from dataclasses import dataclass
 from typing import Any
 
-from somfusion_ros.io.bags.options import BagOptions
+from somfusion_ros.io.bags.options import BagOptions, SOURCES
 from somfusion_ros.io.bags.reader import BagReader
-from somfusion_ros.io.bags.transforms import TF_TYPES
-from somfusion_ros.io.frame_tree import BASE_FRAMES, plain
+from somfusion_ros.io.bags.transforms import in_namespace, odometry_frames, TF_TYPES
+from somfusion_ros.io.frame_names import BASE_FRAMES, plain
 
 SCAN = 'sensor_msgs/msg/LaserScan'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 JOINTS = 'sensor_msgs/msg/JointState'
-SOURCES = ('auto', 'odom', 'encoders', 'tf')
+
+
+@dataclass(frozen=True)
+class OdometrySource:
+    """
+    Where a robot's odometry comes from: kind (odom, encoders, tf, none), topic, and frames.
+
+    base_frame is the frame whose motion it tells; frames (parent, child) those of /tf.
+    """
+
+    kind: str
+    topic: str
+    base_frame: str
+    frames: tuple[str, str] | None = None
 
 
 def stamp(header: Any, log_time: float) -> float:
     """Stamp [s] of a header; the time of recording where the header has none."""
-    seconds = header.stamp.sec + header.stamp.nanosec * 1e-9
+    seconds = float(header.stamp.sec + header.stamp.nanosec * 1e-9)
     return seconds if seconds != 0 else log_time
 
 
-def choose_scan_topic(reader: BagReader, wanted: str | None) -> str:
-    """Find the topic of the laser scans."""
-    return _choose(reader, SCAN, 'laser scans', wanted, 'scan', '--scan-topic')
+def find_robots(reader: BagReader) -> list[str]:
+    """
+    Find the namespaces of the robots in a bag; [''] where it is one robot's.
+
+    Of several robots each has scans in a namespace, and odometry there, or in transforms that
+    carry its name.
+    """
+    moving = [topic for topic in reader.topics(ODOMETRY, JOINTS, *TF_TYPES)
+              if 'static' not in topic]
+    robots = set()
+    for topic in reader.topics(SCAN):
+        parts = topic.strip('/').split('/')[:-1]
+        names = ['/'.join(parts[:n]) for n in range(len(parts), 0, -1)]
+        robots |= set(next(([name] for name in names
+                            if any(in_namespace(t, name) for t in moving)), names[-1:]))
+    if len(robots) > 1:
+        robots = {name for name in robots if any(in_namespace(t, name) for t in moving)
+                  or _has_own_frames(reader, name)}
+    return sorted(robots) if len(robots) > 1 else ['']
 
 
-def choose_odometry(reader: BagReader, options: BagOptions) -> tuple[str, str]:
-    """Find source (odom, encoders or tf) and topic of the odometry."""
-    source = options.odometry_source
-    if source not in SOURCES:
-        raise ValueError(f'odometry source {source!r} is none of {", ".join(SOURCES)}')
-    if source == 'auto':
-        source = _best_source(reader, options)
-    if source == 'odom':
-        return source, _choose(reader, ODOMETRY, 'odometry', options.odom_topic, 'odom',
-                               '--odom-topic')
-    if source == 'encoders':
+def choose_scan_topics(reader: BagReader, options: BagOptions) -> list[str]:
+    """Find the topics of the laser scans: one, or those of several lasers on one robot."""
+    wanted, found = options.scan_topic, _found(reader, (SCAN,), options.namespace)
+    if wanted is None and len(found) > 1 and not _named(found, 'scan', options.namespace):
+        frames = {topic: plain(reader.first(topic).header.frame_id) for topic in found}
+        if len(set(frames.values())) == len(found):
+            return found
+    return [_choose(reader, (SCAN,), 'laser scans', wanted, 'scan', '--scan-topic',
+                    options.namespace)]
+
+
+def choose_odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
+    """Find where the odometry of a robot comes from."""
+    kind, namespace = options.odometry_source, options.namespace
+    if kind not in SOURCES:
+        raise ValueError(f'odometry source {kind!r} is none of {", ".join(SOURCES)}')
+    in_tf = None
+    if kind == 'auto':
+        kind, in_tf = _best_source(reader, options)
+    if kind == 'none':
+        return OdometrySource('none', '', BASE_FRAMES[0])
+    if kind == 'odom':
+        topic = _choose(reader, (ODOMETRY,), 'odometry', options.odom_topic, 'odom',
+                        '--odom-topic', namespace)
+        frame = plain(reader.first(topic).child_frame_id)
+        return OdometrySource(kind, topic, frame or BASE_FRAMES[0])
+    if kind == 'encoders':
         if options.wheel_radius is None or options.wheel_separation is None:
             raise reader.error('odometry from encoders needs --wheel-radius and '
                                '--wheel-separation')
-        return source, _choose(reader, JOINTS, 'joint states (wheel encoders)', None,
-                               'joint_states', '--odometry-source')
-    return source, _choose(reader, TF_TYPES, 'odometry (no odom topic, no /tf)', None, 'tf',
-                           '--odometry-source')
+        topic = _choose(reader, (JOINTS,), 'joint states (wheel encoders)', None, 'joint_states',
+                        '--odometry-source', namespace)
+        return OdometrySource(kind, topic, BASE_FRAMES[0])
+    in_tf = in_tf or odometry_frames(reader, namespace)
+    if in_tf is None:
+        raise reader.error('no odometry (no odom frame in /tf)')
+    return OdometrySource('tf', in_tf[0], in_tf[1][1], in_tf[1])
 
 
-def _best_source(reader: BagReader, options: BagOptions) -> str:
+def _best_source(reader: BagReader, options: BagOptions
+                 ) -> tuple[str, tuple[str, tuple[str, str]] | None]:
     """Prefer an odometry topic, then encoders whose wheels are known, then /tf."""
-    if options.odom_topic is not None or reader.topics(ODOMETRY):
-        return 'odom'
-    encoders = bool(reader.topics(JOINTS))
+    if options.odom_topic is not None or _found(reader, (ODOMETRY,), options.namespace):
+        return 'odom', None
+    encoders = bool(_found(reader, (JOINTS,), options.namespace))
     if encoders and options.wheel_radius and options.wheel_separation:
-        return 'encoders'
-    if any(odometry_frames(message) for topic in reader.topics(*TF_TYPES) if 'static' not in topic
-           for _, _, message in _some(reader, topic)):
-        return 'tf'
+        return 'encoders', None
+    in_tf = odometry_frames(reader, options.namespace)
+    if in_tf is not None:
+        return 'tf', in_tf
     hint = '; it has joint states: give --wheel-radius and --wheel-separation' if encoders else ''
-    raise reader.error(f'no odometry (no {ODOMETRY} topic, no odom frame in /tf){hint}')
+    raise reader.error(f'no odometry (no {ODOMETRY} topic, no odom frame in /tf){hint}; to map '
+                       'without any, give --odometry-source none')
 
 
-def _some(reader: BagReader, topic: str, limit: int = 500) -> Any:
-    """Yield the first messages of a topic."""
-    return (item for _, item in zip(range(limit), reader.messages({topic})))
+def _has_own_frames(reader: BagReader, name: str) -> bool:
+    """Tell whether frames of the transforms that all robots share have a robot's prefix."""
+    found = odometry_frames(reader, name)
+    return found is not None and any(
+        frame.startswith((f'{name}/', f'{name}_')) for frame in found[1])
 
 
-def odometry_frames(message: Any) -> tuple[str, str] | None:
-    """Odometry and base frame of the transform of a TFMessage that holds odometry, if any."""
-    for transform in message.transforms:
-        parent, child = plain(transform.header.frame_id), plain(transform.child_frame_id)
-        if parent.rpartition('/')[2] == 'odom':
-            return parent, child
-    return None
+def _found(reader: BagReader, types: tuple[str, ...], namespace: str) -> list[str]:
+    """Topics of some types in a namespace."""
+    return [topic for topic in reader.topics(*types) if in_namespace(topic, namespace)]
 
 
-def base_frame(reader: BagReader, source: str, topic: str) -> str:
-    """Name of the frame whose motion the odometry tells."""
-    if source == 'odom':
-        return plain(reader.first(topic).child_frame_id) or BASE_FRAMES[0]
-    if source == 'tf':
-        for _, _, message in reader.messages({topic}):
-            frames = odometry_frames(message)
-            if frames:
-                return frames[1]
-        raise reader.error(f'no odometry (no odom frame in {topic})')
-    return BASE_FRAMES[0]
+def _named(found: list[str], usual: str, namespace: str) -> str | None:
+    """Return the one topic that has the usual name; None where none or several have."""
+    named = [t for t in found if t.rpartition('/')[2] == usual]
+    exact = [t for t in named if t.strip('/') == f'{namespace}/{usual}'.strip('/')]
+    return next((candidates[0] for candidates in (exact, named) if len(candidates) == 1), None)
 
 
-def _choose(reader: BagReader, types: str | tuple[str, ...], what: str, wanted: str | None,
-            usual: str, option: str) -> str:
+def _choose(reader: BagReader, types: tuple[str, ...], what: str, wanted: str | None,
+            usual: str, option: str, namespace: str) -> str:
     """Choose the one topic of a type; the usual name wins, a choice is never guessed."""
-    found = reader.topics(*((types,) if isinstance(types, str) else types))
+    found = _found(reader, types, namespace)
     if wanted is not None:
-        matches = [t for t in found if t.lstrip('/') == wanted.lstrip('/')]
+        matches = [t for t in found if t.lstrip('/') in (
+            wanted.lstrip('/'), f'{namespace}/{wanted.lstrip("/")}')]
         if not matches:
             raise reader.error(f'no {what} on topic {wanted} '
                                f'(found: {", ".join(found) or "none"})')
         return matches[0]
-    named = [t for t in found if t.rpartition('/')[2] == usual]
-    exact = [t for t in named if t.lstrip('/') == usual]
-    for candidates in (exact, named, found):
-        if len(candidates) == 1:
-            return candidates[0]
+    named = _named(found, usual, namespace)
+    if named is not None or len(found) == 1:
+        return named or found[0]
     if not found:
-        raise reader.error(f'no {what}')
+        where = f' in namespace {namespace}' if namespace else ''
+        raise reader.error(f'no {what}{where}')
     raise reader.error(f'several topics with {what}: {", ".join(found)}; name one by {option}')

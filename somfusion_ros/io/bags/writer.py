@@ -24,7 +24,8 @@ class BagWriter:
     """
     A rosbag2 bag being written; a context manager.
 
-    Stamps are given in seconds; `recorded` is the time of recording, None: the stamp.
+    Stamps are given in seconds; `recorded` is the time of recording, None: the stamp. namespace
+    and frames (odom, base, laser) are those of the robot whose messages are written now.
     """
 
     latched: tuple[str, ...] = ('tf_static',)   # last names of topics for late listeners
@@ -33,7 +34,7 @@ class BagWriter:
                  frames: tuple[str, str, str] = ('odom', 'base_link', 'laser')) -> None:
         self._writer = Writer(folder, version=9, storage_plugin=STORAGES[storage])
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        self._odom_frame, self._base_frame, self._laser_frame = frames
+        self.frames, self.namespace = frames, ''
         self._connections: dict[str, Any] = {}
         self.recorded: float | None = None
 
@@ -46,7 +47,7 @@ class BagWriter:
 
     def mount(self, stamp: float, T_base_laser: Pose, height: float = 0.0) -> None:
         """Write tf_static: base -> laser."""
-        self.transform('/tf_static', stamp, self._base_frame, self._laser_frame,
+        self.transform('/tf_static', stamp, self.frames[1], self.frames[2],
                        (*T_base_laser[:2], height), quaternion(T_base_laser[2]))
 
     def transform(self, topic: str, stamp: float, parent: str, child: str,
@@ -62,8 +63,8 @@ class BagWriter:
     def scan(self, scan: Scan, scan_time: float = 0.0, topic: str = '/scan') -> None:
         """Write a laser scan."""
         ranges = np.asarray(scan.ranges, dtype=np.float32)
-        self._write(topic, 'sensor_msgs/msg/LaserScan', scan.stamp,
-                    self._header(scan.stamp, self._laser_frame),
+        self._write(self._own(topic), 'sensor_msgs/msg/LaserScan', scan.stamp,
+                    self._header(scan.stamp, self.frames[2]),
                     scan.angle_min, scan.angle_min + scan.angle_increment * (len(ranges) - 1),
                     scan.angle_increment, scan.time_increment, scan_time, scan.range_min,
                     scan.range_max, ranges, np.zeros(0, np.float32))
@@ -79,17 +80,21 @@ class BagWriter:
         speed = make('geometry_msgs/msg/Twist', make('geometry_msgs/msg/Vector3', vx, vy, 0.0),
                      make('geometry_msgs/msg/Vector3', 0.0, 0.0, turn))
         unknown = np.zeros(36)
-        self._write('/odom', 'nav_msgs/msg/Odometry', stamp,
-                    self._header(stamp, self._odom_frame), self._base_frame,
+        self._write(self._own('/odom'), 'nav_msgs/msg/Odometry', stamp,
+                    self._header(stamp, self.frames[0]), self.frames[1],
                     make('geometry_msgs/msg/PoseWithCovariance', place, unknown),
                     make('geometry_msgs/msg/TwistWithCovariance', speed, unknown))
 
     def wheels(self, stamp: float, positions: ArrayLike) -> None:
         """Write the wheel encoders (2,) left, right [rad]."""
         nothing = np.zeros(0)
-        self._write('/joint_states', 'sensor_msgs/msg/JointState', stamp,
+        self._write(self._own('/joint_states'), 'sensor_msgs/msg/JointState', stamp,
                     self._header(stamp, ''), WHEELS, np.asarray(positions, dtype=float),
                     nothing, nothing)
+
+    def _own(self, topic: str) -> str:
+        """Topic in the namespace of the robot whose messages are written now."""
+        return f'/{self.namespace}{topic}' if self.namespace else topic
 
     def _write(self, topic: str, msgtype: str, stamp: float, *fields: Any) -> None:
         """Serialise a message and write it."""

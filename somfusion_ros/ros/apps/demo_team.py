@@ -12,8 +12,6 @@ import time
 from typing import Any
 
 from somfusion_ros.io.bags.log import BagError, Log
-from somfusion_ros.io.bags.reader import BagReader
-from somfusion_ros.io.bags.topics import base_frame
 from somfusion_ros.io.console import progress_bar
 from somfusion_ros.ros.apps.processes import node_environment, Processes
 
@@ -125,13 +123,12 @@ def _start(processes: Processes, logs: Mapping[str, Log], folder: Path, rate: fl
 
 def _slam_parameters(log: Log) -> list[str]:
     """Return parameters of slam_node found in the bag: frames, laser mount, odometry."""
-    if log.odometry_source == 'tf':
-        raise BagError(f'{log.path}: its odometry is only in /tf; the live system needs '
+    if log.odometry.kind in ('tf', 'none'):
+        raise BagError(f'{log.path}: its odometry is only in /tf, if anywhere; the player needs '
                        'nav_msgs/Odometry or joint states')
-    with BagReader(log.path) as reader:
-        base = base_frame(reader, log.odometry_source, log.odometry_topic)
     x, y, theta = (float(value) for value in log.T_base_laser)
-    values = {'base_frame': base or 'base_link', 'odometry_source': log.odometry_source,
+    values = {'base_frame': log.odometry.base_frame,
+              'odometry_source': log.odometry.kind,
               'map_update_interval': MAP_UPDATE_INTERVAL,
               'transform_timeout': TRANSFORM_TIMEOUT}
     if not (log.upside_down and find_spec('tf2_msgs')):   # which laser_pose cannot say, but TF

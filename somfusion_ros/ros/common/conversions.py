@@ -25,6 +25,8 @@ from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.io import frame_tree
 from somfusion_ros.io.cluster_rows import CLUSTER_FIELDS
+from somfusion_ros.io.frame_tree import Mount
+from somfusion_ros.io.scan_messages import scan_from
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.team.shared_map import MapCells
 from std_msgs.msg import Header
@@ -70,11 +72,8 @@ def pose_message(pose: Iterable[float]) -> PoseMessage:
 
 
 def scan_from_message(message: LaserScan, T_base_laser: Pose, upside_down: bool = False) -> Scan:
-    """Convert a scan; the beams of a laser that hangs upside down turn the other way."""
-    turn = -1.0 if upside_down else 1.0
-    return Scan(seconds(message.header.stamp), np.array(message.ranges, dtype=float),
-                turn * message.angle_min, turn * message.angle_increment, message.range_min,
-                message.range_max, message.time_increment, T_base_laser)
+    """Convert a scan; a laser that hangs upside down turns the other way round."""
+    return scan_from(message, Mount(T_base_laser, upside_down), seconds(message.header.stamp))
 
 
 def odometry_from_message(message: OdometryMessage) -> tuple[float, Array]:

@@ -1,0 +1,52 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Fields of sensor_msgs/LaserScan, of whichever library, to the core's scan; no ROS is needed.
+
+The ranges are handed on as they are: what 0, `inf` or a value above `range_max` means is decided
+in one place for logs and live scans alike, `somfusion_ros.slam.laser`.
+"""
+
+from typing import Any
+
+import numpy as np
+from somfusion_ros.io.frame_tree import Mount
+from somfusion_ros.slam.scan import Scan
+
+FULL_CIRCLE = 2.0 * np.pi
+ROUNDED = 1.5   # beams by which angle_max may miss the last beam: drivers differ by one
+
+
+def scan_from(message: Any, mount: Mount, stamp: float, laser: str = '') -> Scan:
+    """Convert a scan; a laser that hangs upside down turns the other way round."""
+    with np.errstate(invalid='ignore'):   # a damaged file may hold signalling NaN
+        ranges = np.array(message.ranges, dtype=float)
+    start, increment, odd = angles(float(message.angle_min), float(message.angle_max),
+                                   float(message.angle_increment), len(ranges))
+    turn = -1.0 if mount.upside_down else 1.0
+    return Scan(stamp, ranges, turn * start, turn * increment, float(message.range_min),
+                float(message.range_max), float(message.time_increment), mount.T_base_laser,
+                laser=laser or message.header.frame_id, odd=odd)
+
+
+def angles(start: float, end: float, increment: float, beams: int) -> tuple[float, float, str]:
+    """
+    Check the three angles of a scan by one another.
+
+    Returns angle_min and angle_increment [rad] as they must have been meant, and what was mended,
+    '' if nothing. An angle_max that says nothing, or no more than the increment, is not used.
+    """
+    span = end - start
+    if beams < 2 or not np.isfinite((start, span)).all() or span == 0.0:
+        return start, increment, ''
+    if abs(span) > 1.05 * FULL_CIRCLE and abs(span) < 1.05 * 360.0 and abs(start) <= 360.0:
+        start, increment, span = (float(np.radians(angle)) for angle in (start, increment, span))
+        found = angles(start, start + span, increment, beams)
+        return *found[:2], 'the angles are taken to be in degrees'
+    by_end = span / (beams - 1)
+    if abs(span) > 1.05 * FULL_CIRCLE or abs(increment - by_end) <= ROUNDED * abs(by_end) / (
+            beams - 1):
+        return start, increment, ''
+    return start, by_end, (f'angle_min {start:g}, angle_max {end:g} and {beams} ranges are '
+                           f'{by_end:g} rad apart, not angle_increment = {increment:g}: the '
+                           'angles are used')
