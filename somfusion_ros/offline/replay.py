@@ -48,7 +48,9 @@ class ReplayOptions:
 def replay(bags: Sequence[str | Path], output: str | Path,
            options: ReplayOptions | None = None) -> dict[str, Any]:
     """
-    Replay bags of one robot or of several; write everything into a folder; return what is in result.json.
+    Replay bags of one robot or of several; write everything into a folder.
+
+    Returns what is in result.json.
 
     Raises BagError or MapError, with one line, where a bag or the folder cannot be used.
     """
@@ -96,6 +98,7 @@ def save_joint(folder: Path, runs: Mapping[str, RobotRun], fusion: Fusion) -> No
                   along(run.stamps, run.poses, run.held, views.poses, poses))
         write_map(folder / name, draw_joint(fusion.views, fusion.elastic.poses,
                                             run.grid.resolution, (name,)), 'joint_map')
+
 
 def open_logs(bags: Sequence[str | Path], options: ReplayOptions) -> list[Log]:
     """Open the log of every robot: one per bag, or all that a bag holds."""

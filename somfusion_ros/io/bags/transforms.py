@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The transforms of one robot in a bag: where its laser sits, and which of them is its odometry."""
+"""The transforms of one robot in a bag: where its laser sits, and which is its odometry."""
 
 from collections import Counter
 from collections.abc import Iterable
