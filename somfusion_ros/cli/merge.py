@@ -4,10 +4,10 @@
 
 import argparse
 
-from somfusion_ros.cli.options import add_fusion, add_output, given
+from somfusion_ros.cli.options import add_fusion, add_output, Commands, given
 
 
-def add(commands: argparse._SubParsersAction) -> None:
+def add(commands: Commands) -> None:
     """Describe `merge`."""
     command = commands.add_parser(
         'merge', help='saved maps -> one stitched map',

@@ -4,7 +4,12 @@
 
 import argparse
 
+from typing import TypeAlias
+
 from somfusion_ros.geometry import Pose
+
+# What `add_subparsers` returns; argparse has no public name for it.
+Commands: TypeAlias = 'argparse._SubParsersAction[argparse.ArgumentParser]'
 
 
 def add_output(command: argparse.ArgumentParser) -> None:

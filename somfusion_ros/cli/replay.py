@@ -4,10 +4,11 @@
 
 import argparse
 
-from somfusion_ros.cli.options import add_fusion, add_output, count, given, pose, positive
+from somfusion_ros.cli.options import (add_fusion, add_output, Commands, count, given, pose,
+                                       positive)
 
 
-def add(commands: argparse._SubParsersAction) -> None:
+def add(commands: Commands) -> None:
     """Describe `replay`."""
     command = commands.add_parser(
         'replay', help='logs of one or more robots -> maps, trajectories, global map',

@@ -4,8 +4,10 @@
 
 import argparse
 
+from somfusion_ros.cli.options import Commands
 
-def add(commands: argparse._SubParsersAction) -> None:
+
+def add(commands: Commands) -> None:
     """Describe `report`."""
     command = commands.add_parser(
         'report', help='draw the figures of a result again',

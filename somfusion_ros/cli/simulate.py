@@ -4,10 +4,10 @@
 
 import argparse
 
-from somfusion_ros.cli.options import add_output, count, positive
+from somfusion_ros.cli.options import add_output, Commands, count, positive
 
 
-def add(commands: argparse._SubParsersAction) -> None:
+def add(commands: Commands) -> None:
     """Describe `simulate`."""
     from somfusion_ros.simulation.floor_plan import PLANS
     command = commands.add_parser(

@@ -7,8 +7,10 @@ import importlib.util
 import os
 import sys
 
+from somfusion_ros.cli.options import Commands
 
-def add(commands: argparse._SubParsersAction) -> None:
+
+def add(commands: Commands) -> None:
     """Describe `watch`; its options are its own program's."""
     command = commands.add_parser(
         'watch', help='live maps of a team in the terminal', add_help=False)

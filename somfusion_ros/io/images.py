@@ -18,7 +18,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
     if image is None:
         raise ValueError('not an image (PGM expected)')
-    return image
+    return image.astype(np.uint8, copy=False)
 
 
 def write_pgm(path: Path, shades: NDArray[np.uint8]) -> None:
@@ -51,8 +51,9 @@ def _parse_pgm(data: bytes) -> NDArray[np.uint8]:
 
 
 def _header(data: bytes) -> tuple[list[int], int]:
-    """Width, height and largest shade of a PGM file, and where its body starts."""
-    numbers, at = [], 2
+    """Read width, height and largest shade of a PGM file, and where its body starts."""
+    numbers: list[int] = []
+    at = 2
     while len(numbers) < 3:
         while at < len(data) and (data[at:at + 1].isspace() or data[at:at + 1] == b'#'):
             if data[at:at + 1] == b'#':

@@ -5,7 +5,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TYPE_CHECKING, TypeVar
 
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.io.maps import MapError
@@ -14,10 +14,13 @@ from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.team.config import TeamConfig
 import yaml
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 KNOWN = {item.name for config in (
     SlamConfig, SlamNodeConfig, TeamConfig, FusionConfig, FusionNodeConfig)
          for item in fields(config)}
-Config = TypeVar('Config')
+Config = TypeVar('Config', bound='DataclassInstance')
 
 
 def read_parameters(paths: Iterable[str | Path]) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def read_result(folder: Path) -> dict[str, Any]:
     """Read result.json; MapError where the folder holds no result."""
     path = folder / RESULT
     try:
-        record = json.loads(path.read_text())
+        record: dict[str, Any] = json.loads(path.read_text())
         if not isinstance(record['robots'], dict) or not isinstance(record['pairs'], list):
             raise KeyError('robots')
     except OSError as error:

@@ -23,5 +23,6 @@ def fuse_with_progress(grids: Mapping[str, Grid], config: FusionConfig, traced: 
 def draw(folder: Path, fusion: Fusion) -> None:
     """Draw the report from what is already computed."""
     from somfusion_ros.report.report import draw_report  # matplotlib takes a second to load
-    traces = {(pair.target, pair.source): pair.trace for pair in fusion.pairs}
+    traces = {(pair.target, pair.source): pair.trace for pair in fusion.pairs
+              if pair.trace is not None}
     say(f'report: {draw_report(folder, traces)}')

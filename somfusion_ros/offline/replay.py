@@ -92,11 +92,12 @@ def _views(runs: Mapping[str, RobotRun]) -> dict[str, ViewSet]:
 
 def save_joint(folder: Path, runs: Mapping[str, RobotRun], fusion: Fusion) -> None:
     """Write every robot's path and map at the joint solution, where there is one."""
-    for name, poses in fusion.elastic.poses.items() if fusion.elastic else ():
+    joint = fusion.elastic.poses if fusion.elastic else {}
+    for name, poses in joint.items():
         run, views = runs[name], fusion.views[name]
         write_tum(folder / name / 'joint.tum', run.stamps,
                   along(run.stamps, run.poses, run.held, views.poses, poses))
-        write_map(folder / name, draw_joint(fusion.views, fusion.elastic.poses,
+        write_map(folder / name, draw_joint(fusion.views, joint,
                                             run.grid.resolution, (name,)), 'joint_map')
 
 

@@ -86,11 +86,11 @@ def write_replay_bag(folder: Path, runs: Mapping[str, RobotRun], config: FusionC
     """Write every robot's history, and the global map as it grew; logs of other days shift."""
     if folder.exists():
         shutil.rmtree(folder)
-    histories = {name: run.history for name, run in runs.items()}
+    histories = {name: run.history for name, run in runs.items() if run.history is not None}
     shifts = shifts_of({name: history.span() for name, history in histories.items()})
     with ResultBag(folder) as bag:
-        for name, run in runs.items():
-            _write_robot(bag, name, run, shifts[name], config)
+        for name, history in histories.items():
+            _write_robot(bag, name, history, runs[name].log.T_base_laser, shifts[name], config)
         _write_team(bag, histories, shifts, config)
     return folder
 
@@ -103,20 +103,19 @@ def shifts_of(spans: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     return {name: start - first for name, (first, _) in spans.items()}
 
 
-def _write_robot(bag: ResultBag, name: str, run: RobotRun, shift: float,
+def _write_robot(bag: ResultBag, name: str, history: History, mount: Pose, shift: float,
                  config: FusionConfig) -> None:
     """Write one robot's poses, transforms, maps, paths and clusters."""
     map_frame, odom, base = (f'{name}/{frame}' for frame in ('map', 'odom', 'base_link'))
-    first = run.history.span()[0] + shift
-    mount = run.log.T_base_laser
+    first = history.span()[0] + shift
     bag.transform('/tf_static', first, base, f'{name}/laser', (mount.x, mount.y, 0.0),
                   quaternion(mount.theta))
-    for step in run.history.steps:
+    for step in history.steps:
         bag.recorded = step.stamp + shift
         bag.pose(f'/{name}/pose', map_frame, step)
         bag.placed(step.stamp, map_frame, odom, step.T_map_odom)
         bag.placed(step.stamp, odom, base, History.T_odom_base(step))
-    for stamp, grid, views in run.history.maps:
+    for stamp, grid, views in history.maps:
         bag.recorded = stamp + shift
         bag.grid(f'/{name}/map', stamp, map_frame, grid)
         bag.path(f'/{name}/path', stamp, map_frame, views)

@@ -109,9 +109,10 @@ def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, A
     if not len(covered):
         return stamps, poses
     a, b = covered[0], covered[-1] + 1
-    samples = [buffer.at(t) for t in buffer.stamps if buffer.covers(t)]
-    dense = with_odometry(stamps[a:b], poses[a:b],
-                          np.array([buffer.at(t).pose for t in stamps[a:b]]),
+    samples = [sample for t in buffer.stamps if (sample := buffer.at(t)) is not None]
+    # Where it is covered at both ends it is covered between: the samples rise.
+    at_scans = [sample.pose for t in stamps[a:b] if (sample := buffer.at(t)) is not None]
+    dense = with_odometry(stamps[a:b], poses[a:b], np.array(at_scans),
                           np.array([o.stamp for o in samples]),
                           np.array([o.pose for o in samples]))
     return (np.concatenate([stamps[:a], dense[0], stamps[b:]]),

@@ -5,6 +5,7 @@
 from collections.abc import Mapping
 import multiprocessing
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 import os
 import time
 import traceback
@@ -44,7 +45,9 @@ def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
                   period: float | None, bars: Mapping[str, Any]) -> dict[str, RobotRun]:
     """Keep `jobs` processes at work until every log is done; stop all when one fails."""
     context = multiprocessing.get_context('spawn')
-    left, running, results = list(logs), {}, {}
+    left = list(logs)
+    running: dict[Any, tuple[str, BaseProcess]] = {}   # by connection
+    results: dict[str, RobotRun] = {}
     try:
         while left or running:
             while left and len(running) < jobs:
@@ -56,22 +59,22 @@ def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
                 there.close()
                 running[here] = (name, process)
             for connection in wait(list(running)):
-                name, process = running[connection]
+                name, worker = running[connection]
                 kind, value = _receive(connection, logs[name])
                 if kind == 'progress':
                     bars[name].update(value)
                 else:
                     results[name] = value
                     del running[connection]
-                    process.join()
+                    worker.join()
     finally:
-        for _, process in running.values():
-            process.terminate()
-            process.join()
+        for _, worker in running.values():
+            worker.terminate()
+            worker.join()
     return {name: results[name] for name in logs}
 
 
-def _receive(connection: Connection, log: Log) -> tuple[str, Any]:
+def _receive(connection: Any, log: Log) -> tuple[str, Any]:
     """Take a word from a process; BagError where its log is damaged or the process died."""
     try:
         kind, value = connection.recv()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from somfusion_ros.geometry import apply, Array, Pose
 
 WALL = 0.12   # [m] thickness of an inner wall
@@ -31,7 +32,7 @@ class FloorPlan:
         return way if (robot // len(self.routes)) % 2 == 0 else way[::-1]
 
 
-def polygon(corners: Sequence[Sequence[float]]) -> Array:
+def polygon(corners: ArrayLike) -> Array:
     """Segments (N, 4) of a closed polygon."""
     points = np.asarray(corners, dtype=float)
     return np.column_stack([points, np.roll(points, -1, 0)])
@@ -159,7 +160,7 @@ def _visits(rooms: Sequence[float], sides: tuple[float, float]) -> list[tuple[fl
 
 
 def _plan(parts: Sequence[Array], size: tuple[float, float],
-          routes: Sequence[Sequence[tuple[float, float]]], duration: float = 75.0) -> FloorPlan:
+          routes: Sequence[ArrayLike], duration: float = 75.0) -> FloorPlan:
     """Put a plan together."""
     return FloorPlan(np.concatenate(parts), size,
                      tuple(np.asarray(route, dtype=float) for route in routes), duration)

@@ -115,7 +115,7 @@ class Laser:
         start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
         share = ((centre - start) * along).sum(1) / np.maximum((along ** 2).sum(1), 1e-12)
         nearest = start + along * np.clip(share, 0.0, 1.0)[:, None]
-        reach = np.hypot(*(nearest - centre).T) < self.range_max + 0.5
+        reach: NDArray[np.bool_] = np.hypot(*(nearest - centre).T) < self.range_max + 0.5
         if not reach.any():
             reach[0] = True   # a ray needs something to miss
         return reach

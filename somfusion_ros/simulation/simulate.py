@@ -106,7 +106,7 @@ def write_bag(folder: Path, name: str, plan: FloorPlan, run: Run, storage: str,
             progress_bar(name, int(run.stamps[-1] / LASER.period) + 1, 'scan') as bar:
         bag.mount(EPOCH, LASER.mount, LASER.height)
         scans = scans_of(plan, run, rng)
-        scan = next(scans)
+        scan = next(scans, None)
         for stamp, pose, twist, wheels in odometry_of(run):
             bag.wheels(stamp, wheels)
             bag.odometry(stamp, pose, twist)

@@ -119,6 +119,8 @@ class OdometryBuffer:
             return None
         if sweep > 0.0:
             start, end = self.at(stamp), self.at(stamp + sweep)
+            if start is None or end is None:
+                return None
             return replace(start, twist=mean_twist(between(start.pose, end.pose), sweep))
         after = max(1, bisect_left(self._stamps, stamp))
         near = after - (stamp - self._stamps[after - 1] < self._stamps[after] - stamp)
@@ -126,7 +128,7 @@ class OdometryBuffer:
         ahead = stamp + self.lag - t
         twist, growth = self._rates(near, ahead)
         return Odometry(stamp, compose(pose, swept(twist, ahead)), twist,
-                        None if growth is None else slip + growth * ahead)
+                        None if growth is None or slip is None else slip + growth * ahead)
 
     def extrapolated(self, stamp: float) -> Odometry | None:
         """Odometry a little after the newest sample, by its twist; None where it is too far."""
@@ -241,4 +243,5 @@ def increment_covariance(step: Array, noise: MotionNoise, slip: Array | None = N
         P[0, 2] = P[2, 0] = both
         c, s = cos(0.5 * turn), sin(0.5 * turn)
     T = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-    return T @ P @ T.T
+    covariance: Array = T @ P @ T.T
+    return covariance

@@ -130,7 +130,9 @@ def _joined(points: Array, beams: NDArray[np.intp], ranges: Array, increment: fl
         return np.zeros(0, bool)
     gap = SURFACE_GAP * np.maximum(1.0, np.minimum(ranges[1:], ranges[:-1]) * increment * 40.0)
     step = points[1:] - points[:-1]
-    return (beams[1:] - beams[:-1] <= 2) & (step[:, 0] ** 2 + step[:, 1] ** 2 < gap ** 2)
+    joined: NDArray[np.bool_] = (
+        (beams[1:] - beams[:-1] <= 2) & (step[:, 0] ** 2 + step[:, 1] ** 2 < gap ** 2))
+    return joined
 
 
 def _thin(points: Array, joined: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:

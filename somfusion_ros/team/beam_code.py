@@ -85,8 +85,8 @@ def encode_beams(outline: Outline) -> bytes:
         outline = Outline(outline.ends[::every], outline.reach[::every], outline.hit[::every],
                           outline.origin)
     fan, reach = fan_of(outline), outline.reach
-    limit = float(reach[~outline.hit].max(initial=0.0))
-    limit = np.float32(limit or reach.max(initial=0.0) + TUNING.step)    # as it is told
+    seen = float(reach[~outline.hit].max(initial=0.0))
+    limit = np.float32(seen or reach.max(initial=0.0) + TUNING.step)    # as it is told
     most = min(np.ceil(float(limit) / TUNING.step - 1e-6) - 1, BEYOND - 1)   # below the limit
     codes = np.clip(np.rint(reach / TUNING.step), 1, most).astype(np.uint16)
     codes[~outline.hit] = np.where(reach[~outline.hit] > 0.0, BEYOND, NOTHING)

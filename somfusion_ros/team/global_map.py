@@ -69,7 +69,8 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
             free[window] |= _discs(been, robot_radius / resolution, evidence.shape) & (
                 evidence > FREE_ABOVE)
     total[free] = np.maximum(total[free], 1.0)
-    return Grid(np.clip(total, -1.0, 1.0), resolution, Pose(*(low * resolution), 0.0))
+    x, y = low * resolution
+    return Grid(np.clip(total, -1.0, 1.0), resolution, Pose(x, y, 0.0))
 
 
 def _discs(points: Array, radius: float, shape: tuple[int, int]) -> NDArray[np.bool_]:

@@ -56,7 +56,8 @@ class Placed:
         """Centres (n, 2) [m] of what the views saw, in the world."""
         c, s = np.cos(self.poses[:, 2]), np.sin(self.poses[:, 2])
         x, y = self.views.centres.T
-        return self.poses[:, :2] + np.column_stack([c * x - s * y, s * x + c * y])
+        seen: Array = self.poses[:, :2] + np.column_stack([c * x - s * y, s * x + c * y])
+        return seen
 
 
 class Surroundings:

@@ -99,7 +99,8 @@ def solve_joint(robots: Mapping[str, ViewSet], matches: Sequence[InterMatch],
     total = sum(len(robots[name]) for name in names)
     every = max(settings.every, -(-total // settings.nodes))
     spines = {name: Spine(robots[name].steps, every) for name in names}
-    first, start = {}, []
+    first: dict[str, int] = {}
+    start: list[Array] = []
     for name in names:
         first[name] = sum(len(part) for part in start)
         nodes = robots[name].poses[spines[name].nodes]
@@ -175,15 +176,16 @@ class _Problem:
     def chi2(self, x: Array) -> Array:
         """Squared Mahalanobis distances (m,) at poses (n, 3)."""
         e = self._residuals(x)
-        return np.einsum('ma,mab,mb->m', e, self._Omega, e)
+        distances: Array = np.einsum('ma,mab,mb->m', e, self._Omega, e)
+        return distances
 
     def _residuals(self, x: Array) -> Array:
         """Measured minus expected (m, 3)."""
         a, b = x[self._i], x[self._j]
         c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
         d = b - a
-        e = self._z - np.column_stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1],
-                                       d[:, 2]])
+        e: Array = self._z - np.column_stack([
+            c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], d[:, 2]])
         e[:, 2] = wrap(e[:, 2])
         return e
 
@@ -205,7 +207,8 @@ class _Problem:
                      (self._firsts, self._firsts, self._damping)], len(x))
         factor = splu(H, permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
                       options={'SymmetricMode': True})
-        return factor.solve(g.ravel()).reshape(-1, 3)
+        step: Array = factor.solve(g.ravel()).reshape(-1, 3)
+        return step
 
 
 def _sparse(blocks: list[tuple[Array, Array, Array]], nodes: int) -> csc_matrix:

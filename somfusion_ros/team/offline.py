@@ -74,14 +74,16 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
         on_pair()
     constraints = [MapConstraint(p.target, p.source, p.alignment.T_target_source,
                                  p.alignment.covariance, p.alignment.probability)
-                   for p in pairs if p.alignment.accepted]
+                   for p in pairs
+                   if p.alignment.accepted and p.alignment.T_target_source is not None]
     solution = solve(names, constraints)
     world = dict(solution.groups[0])
+    views = views or {}
     elastic = straighten(views, world) if views and len(world) > 1 else None
     drawn = (merge_grids(grids, world) if elastic is None else
              draw_joint(views, elastic.poses, min(grids[name].resolution for name in world)))
     return Fusion(pairs, solution, world, [n for n in names if n not in world], drawn,
-                  _whole_index(grids, world, config, cache), views or {}, elastic)
+                  _whole_index(grids, world, config, cache), views, elastic)
 
 
 def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,

@@ -70,7 +70,7 @@ def outline(learned: LearnedMap, budget: int = BUDGET) -> Clusters:
 
 def screen(own: LearnedMap, clusters: Clusters, config: FusionConfig | None = None) -> Screening:
     """Compare the robot's own map with a peer's clusters."""
-    oriented = np.count_nonzero(clusters.straight > LEARNING.oriented)
+    oriented = int(np.count_nonzero(clusters.straight > LEARNING.oriented))
     if min(len(own.features), oriented) < ALIGNMENT.fewest_features:
         return Screening()
     poses, _ = search(own, recall(clusters, own.resolution), config or FusionConfig(),

@@ -89,11 +89,11 @@ class FusionSession:
     def own_grid(self) -> Grid | None:
         """The robot's own newest map."""
         own = self._team.maps.get(self._name)
-        return own and own.grid
+        return None if own is None else own.grid
 
     def learned_own(self) -> LearnedMap:
         """Return what was learned of the robot's own newest map, which it has."""
-        return learn(self.own_grid, self.fusion, self._cache)
+        return self.learned_of(self._name)
 
     def placed_peers(self) -> list[tuple[LearnedMap, Pose]]:
         """Return what was learned of the maps of accepted peers, each with T_own_peer."""

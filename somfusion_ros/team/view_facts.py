@@ -145,7 +145,8 @@ def believed(upper: Array) -> Array:
         raise ValueError('a covariance is not positive')
     R = ((vectors * np.maximum(values, 1e-6)) @ vectors.T) * np.outer(scale, scale)
     floor = np.array([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2
-    return R + np.diag(np.maximum(floor - np.diag(R), 0.0))
+    raised: Array = R + np.diag(np.maximum(floor - np.diag(R), 0.0))
+    return raised
 
 
 def tell(stamps: Sequence[float], poses: Array, clouds: Sequence[Cloud],

@@ -44,7 +44,8 @@ def _one_way(grid: Grid, other: Grid) -> float:
 
 def _known(points: Array, grid: Grid) -> Array:
     """Mask (N,) of the points (N, 2) on cells that a map calls free or a wall."""
-    cells = grid.point_to_cell(points)
-    inside = ((cells >= 0) & (cells < grid.shape)).all(1)
-    cells = np.where(inside[:, None], cells, 0)
-    return inside & (grid.free | grid.occupied)[tuple(cells.T)]
+    (row, column), (height, width) = grid.point_to_cell(points).T, grid.shape
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    row, column = np.where(inside, row, 0), np.where(inside, column, 0)
+    known: Array = inside & (grid.free | grid.occupied)[row, column]
+    return known

@@ -40,6 +40,9 @@ class Encoders:
     """Odometry from the two wheel positions in sensor_msgs/JointState."""
 
     def __init__(self, options: BagOptions, path: Path) -> None:
+        if options.wheel_radius is None or options.wheel_separation is None:
+            raise BagError(f'{path}: odometry from encoders needs radius and separation '
+                           'of the wheels')
         self._wheels = WheelOdometry(options.wheel_radius, options.wheel_separation)
         self._differences = Differences()
         self._path = path

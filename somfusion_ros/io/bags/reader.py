@@ -26,18 +26,25 @@ class BagReader:
 
     def __enter__(self) -> 'BagReader':
         try:
-            self._reader = AnyReader(
-                [self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            self._reader.open()
+            reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            reader.open()
         except Exception as error:   # the library raises many kinds on a damaged file
             raise self.error(f'not a readable bag ({_one_line(error)})') from error
+        self._reader = reader
         return self
 
     def __exit__(self, *_: object) -> None:
         try:
-            self._reader.close()
+            self._open.close()
         except Exception:   # a damaged file may fail again while it is closed
             pass
+
+    @property
+    def _open(self) -> AnyReader:
+        """The bag while it is open."""
+        if self._reader is None:
+            raise self.error('is not open')
+        return self._reader
 
     def error(self, what: str) -> BagError:
         """Make the error that names this bag."""
@@ -46,27 +53,27 @@ class BagReader:
     @property
     def duration(self) -> float:
         """Recorded time [s]."""
-        return max(self._reader.duration, 0) * 1e-9
+        return max(self._open.duration, 0) * 1e-9
 
     def topics(self, *msgtypes: str) -> list[str]:
         """Names of the topics of these types that hold messages."""
-        return sorted({c.topic for c in self._reader.connections
+        return sorted({c.topic for c in self._open.connections
                        if c.msgtype in msgtypes and c.msgcount != 0})
 
     def count(self, topic: str) -> int:
         """Count the messages of a topic."""
-        return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
+        return sum(c.msgcount for c in self._open.connections if c.topic == topic)
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, float, Any]]:
         """Yield topic, time of recording [s] and message of these topics."""
-        connections = [c for c in self._reader.connections if c.topic in topics]
+        connections = [c for c in self._open.connections if c.topic in topics]
         if not connections:
             return
-        source = self._reader.messages(connections=connections)
+        source = self._open.messages(connections=connections)
         while True:
             try:
                 connection, nanoseconds, raw = next(source)
-                message = self._reader.deserialize(raw, connection.msgtype)
+                message = self._open.deserialize(raw, connection.msgtype)
             except StopIteration:
                 return
             except Exception as error:   # the library raises many kinds on a damaged file

@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.scan import Scan
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 TRANSFORMS = 'tf2_msgs/msg/TFMessage'
@@ -38,7 +41,7 @@ class BagWriter:
         self._connections: dict[str, Any] = {}
         self.recorded: float | None = None
 
-    def __enter__(self) -> 'BagWriter':
+    def __enter__(self) -> 'Self':
         self._writer.open()
         return self
 
