@@ -1,9 +1,13 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A team out of recorded logs: per bag a player, a slam_node and a fusion_node in one namespace.
+A team out of recorded logs: per bag a slam_node and a fusion_node, and one player for all.
 
 ros2 launch somfusion_ros replay.launch.py bags:="first second" rate:=2.0
+
+All nodes live in the time of the recording, which the player publishes on /clock, and every
+robot's tree is whole: world -> map -> odom -> base_link -> laser. RViz joins in with
+`--ros-args -p use_sim_time:=true`.
 """
 
 from pathlib import Path
@@ -22,18 +26,15 @@ def start_team(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Start the robots robot1, robot2 ... in the order of the bags."""
     bags = LaunchConfiguration('bags').perform(context).split()
     rate = LaunchConfiguration('rate').perform(context)
-    entities: list[LaunchDescriptionEntity] = []
-    for number, bag in enumerate(bags, start=1):
-        name = f'robot{number}'
-        # A source of its own: a description that was loaded once can be launched only once.
-        entities.append(IncludeLaunchDescription(
-            PythonLaunchDescriptionSource(str(ROBOT)),
-            launch_arguments={'namespace': name}.items()))
-        entities.append(Node(
-            package='somfusion_ros', executable='player', name='player', namespace=name,
-            output='screen', arguments=[bag, '--rate', rate],
-            remappings=[('/tf', 'tf'), ('/tf_static', 'tf_static')]))
-    return entities
+    robots = [f'robot{number}' for number in range(1, len(bags) + 1)]
+    passed_on = {name: LaunchConfiguration(name) for name in ('params_file', 'log_level')}
+    # A source of its own: a description that was loaded once can be launched only once.
+    return [*(IncludeLaunchDescription(
+        PythonLaunchDescriptionSource(str(ROBOT)),
+        launch_arguments={'namespace': name, 'use_sim_time': 'true', **passed_on}.items())
+        for name in robots),
+        Node(package='somfusion_ros', executable='player', name='player', output='screen',
+             arguments=[*bags, '--clock', '--rate', rate, '--robots', *robots])]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -41,5 +42,9 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         DeclareLaunchArgument('bags', description='Bags, separated by blanks, one per robot.'),
         DeclareLaunchArgument('rate', default_value='1.0', description='Times real time.'),
+        DeclareLaunchArgument('params_file', default_value='',
+                              description='Parameter file for all nodes.'),
+        DeclareLaunchArgument('log_level', default_value='info',
+                              description='How much the nodes say.'),
         OpaqueFunction(function=start_team),
     ])

@@ -15,26 +15,30 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
 ROBOT = Path(get_package_share_directory('somfusion_ros')) / 'launch' / 'robot.launch.py'
-PASSED_ON = {'use_sim_time': ('false', 'Take the time from /clock.'),
-             'slam': ('slam_node', 'Who makes the maps: slam_node, slam_toolbox, or none.')}
+# For every robot; what they mean and may be is said and checked in robot.launch.py.
+PASSED_ON = {'use_sim_time': '', 'slam': 'slam_node', 'shared_tf': 'false', 'params_file': '',
+             'autostart': '', 'use_respawn': 'false', 'log_level': 'info'}
 
 
 def start_team(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Start every robot in a namespace of its name."""
+    robots = LaunchConfiguration('robots').perform(context).replace(',', ' ').split()
+    if len(set(robots)) < len(robots):
+        raise ValueError(f'robots {" ".join(robots)}: two of them have one name')
     passed_on = {name: LaunchConfiguration(name) for name in PASSED_ON}
     # A source of its own: a description that was loaded once can be launched only once.
     return [IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(ROBOT)),
-        launch_arguments={'namespace': name, **passed_on}.items())
-        for name in LaunchConfiguration('robots').perform(context).split()]
+        launch_arguments={'namespace': name, **passed_on}.items()) for name in robots]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the arguments; the team depends on them."""
     return LaunchDescription([
         DeclareLaunchArgument('robots', default_value='robot1 robot2',
-                              description='Names of the robots, separated by blanks.'),
-        *(DeclareLaunchArgument(name, default_value=default, description=description)
-          for name, (default, description) in PASSED_ON.items()),
+                              description='Names of the robots, by blanks or commas.'),
+        *(DeclareLaunchArgument(name, default_value=default,
+                                description=f'{name} of every robot, see robot.launch.py.')
+          for name, default in PASSED_ON.items()),
         OpaqueFunction(function=start_team),
     ])

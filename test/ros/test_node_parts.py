@@ -21,7 +21,7 @@ from rclpy.serialization import deserialize_message, serialize_message  # noqa: 
 from sensor_msgs.msg import LaserScan  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
-from somfusion_ros.ros.apps.player import open_bag, read_records  # noqa: E402
+from somfusion_ros.ros.apps.recording import open_bag, Recording  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
@@ -162,8 +162,7 @@ def test_a_silent_peer_is_named(heard: Heard, words: str) -> None:
 
 def test_the_player_hands_on_the_bytes_of_a_bag() -> None:
     folder = need_data('logs', 'mines_exp1')
-    with open_bag(folder) as reader:
-        records = list(read_records(reader, {'sensor_msgs/msg/LaserScan'}))
+    records = [r for r in Recording(folder).records() if r.msgtype == 'sensor_msgs/msg/LaserScan']
     assert len(records) == 756
     assert [r.time for r in records] == sorted(r.time for r in records)
     scan = deserialize_message(records[0].data, LaserScan)

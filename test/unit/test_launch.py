@@ -40,8 +40,8 @@ class Started:
 
     def names(self) -> list[tuple[str, str]]:
         """Give namespace and name of every node."""
-        return [tuple(next(part.partition(':=')[2] for part in command
-                           if part.startswith(f'{word}:=')) for word in ('__ns', '__node'))
+        return [tuple(next((part.partition(':=')[2] for part in command
+                            if part.startswith(f'{word}:=')), '') for word in ('__ns', '__node'))
                 for command in self.commands]
 
     def parameters(self, number: int) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def test_a_robot_gets_two_nodes_in_its_namespace(started: Started) -> None:
     assert started.names() == [('/robot1', 'slam_node'), ('/robot1', 'fusion_node')]
     for number, command in enumerate(started.commands):
         assert {'/tf:=tf', '/tf_static:=tf_static'} <= set(command)
-        assert started.parameters(number)['use_sim_time'] is False
+        assert 'use_sim_time' not in started.parameters(number)   # as the parameter file says
     assert started.parameters(0)['resolution'] == 0.05
     assert started.parameters(1)['peers'] == ['']
 
@@ -106,7 +106,7 @@ def test_arguments_reach_the_nodes(started: Started, tmp_path: Path) -> None:
     assert started.names() == [('/fleet/a', 'slam_node'), ('/fleet/a', 'fusion_node')]
     assert started.parameters(0)['resolution'] == 0.1
     assert started.parameters(0)['use_sim_time'] is True
-    assert started.parameters(1)['peers'] == ['b', 'c']
+    assert started.parameters(1)['peers'] == 'b,c'
     assert 'scan:=front/scan' in started.commands[0]
     assert 'debug' in started.commands[1]
 
@@ -121,9 +121,37 @@ def test_another_slam_may_make_the_map(slam: str, nodes: list[str], started: Sta
         assert started.parameters(0)['scan_topic'] == '/scan'
 
 
-def test_a_slam_that_is_unknown_is_refused(started: Started) -> None:
-    assert launch('robot.launch.py', namespace='robot1', slam='magic') != 0
+@pytest.mark.parametrize('given', [
+    {'slam': 'magic'}, {'log_level': 'loud'}, {'shared_tf': 'perhaps'}, {'namespace': 'robot 1'},
+    {'namespace': '1robot'}, {'namespace': 'robot1//a'}, {'use_sim_time': '1'}])
+def test_what_cannot_be_is_refused_before_anything_starts(given: dict[str, str],
+                                                          started: Started) -> None:
+    assert launch('robot.launch.py', **{'namespace': 'robot1', **given}) != 0
     assert not started.commands
+
+
+def test_a_parameter_file_stands_unless_an_argument_is_given(started: Started,
+                                                             tmp_path: Path) -> None:
+    params = tmp_path / 'own.yaml'
+    params.write_text('/**:\n  ros__parameters:\n    use_sim_time: true\n'
+                      '/**/fusion_node:\n  ros__parameters:\n    peers: [robot2, robot7]\n')
+    assert launch('robot.launch.py', namespace='robot1', params_file=str(params)) == 0
+    assert all(started.parameters(n)['use_sim_time'] is True for n in (0, 1))
+    assert started.parameters(1)['peers'] == ['robot2', 'robot7']
+    assert launch('robot.launch.py', namespace='robot1', params_file=str(params),
+                  use_sim_time='false', peers='robot3, robot4') == 0
+    assert all(started.parameters(n)['use_sim_time'] is False for n in (2, 3))
+    assert started.parameters(3)['peers'] == 'robot3, robot4'
+
+
+def test_robots_that_share_one_tf_get_prefixed_frames(started: Started) -> None:
+    assert launch('robot.launch.py', namespace='robot1', shared_tf='true') == 0
+    for command in started.commands:
+        assert not any(part.startswith('/tf') for part in command)
+    slam, fusion = started.parameters(0), started.parameters(1)
+    assert (slam['map_frame'], slam['odom_frame'], slam['base_frame']) == (
+        'robot1/map', 'robot1/odom', 'robot1/base_link')
+    assert (fusion['map_frame'], fusion['world_frame']) == ('robot1/map', 'world')
 
 
 def test_a_team_of_any_size(started: Started) -> None:
@@ -135,6 +163,8 @@ def test_a_team_of_any_size(started: Started) -> None:
 
 def test_bags_make_a_team(started: Started) -> None:
     assert launch('replay.launch.py', bags='x/bag y/bag', rate='2.0') == 0
-    assert started.names() == [(f'/robot{n}', node) for n in (1, 2)
-                               for node in ('slam_node', 'fusion_node', 'player')]
-    assert started.commands[5][1:4] == ['y/bag', '--rate', '2.0']
+    assert started.names()[:4] == [(f'/robot{n}', node) for n in (1, 2)
+                                   for node in ('slam_node', 'fusion_node')]
+    assert started.commands[4][1:9] == ['x/bag', 'y/bag', '--clock', '--rate', '2.0', '--robots',
+                                        'robot1', 'robot2']
+    assert all(started.parameters(n)['use_sim_time'] is True for n in range(4))

@@ -1,83 +1,96 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Plays one robot's recorded log as live topics: scan, odom, joint_states, tf_static.
+Play recorded logs as live robots: scan, odom, joint_states, tf_static, odom -> base_link on tf.
 
-Messages go out as they were recorded, with their own stamps, paced by the time of recording.
-Topics are relative, so that a namespace makes the log one robot of several.
+Messages go out as they were recorded, paced by the time of recording. Topics are relative, so that
+a namespace makes a log one robot of several; several logs become robot1, robot2 ... of one player
+and share one clock.
 """
 
 import argparse
-from collections.abc import Iterator
-from importlib import import_module
-from pathlib import Path
+from functools import partial
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
+from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import get_typestore, Stores
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
-from somfusion_ros.ros.common import qos
+from somfusion_ros.io.frame_tree import plain
+from somfusion_ros.ros.apps.recording import (align, JOINT_STATES, ODOMETRY, Record, Recording,
+                                              SCAN, together, TRANSFORMS)
+from somfusion_ros.ros.common import conversions as convert
+from somfusion_ros.ros.common import names, qos
+from somfusion_ros.ros.common.optional_types import message_type
 from somfusion_ros.ros.common.runtime import plain_args, run
 
-TOPICS = {'sensor_msgs/msg/LaserScan': ('scan', LaserScan, qos.REPLAY),
-          'nav_msgs/msg/Odometry': ('odom', Odometry, qos.REPLAY),
-          'sensor_msgs/msg/JointState': ('joint_states', JointState, qos.REPLAY)}
-TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+TOPICS = {SCAN: (names.SCAN, LaserScan), ODOMETRY: (names.ODOMETRY, Odometry),
+          JOINT_STATES: (names.JOINT_STATES, JointState)}
+CLOCK_PERIOD = 0.01         # [s] between two words on /clock
 SETTLE = 1.0                # [s] for the listeners to learn of this publisher as well
 ACKNOWLEDGED_WITHIN = 5.0   # [s] for the last messages to arrive
 
 
-class Record(NamedTuple):
-    """One message: time of recording [s] from the bag's start, its type, its CDR bytes."""
+class RobotTopics:
+    """The publishers of one recording, below a prefix."""
 
-    time: float
-    msgtype: str
-    data: bytes
+    def __init__(self, node: Node, recording: Recording, prefix: str, tf: Any) -> None:
+        self._by_type: dict[str, Any] = {
+            msgtype: node.create_publisher(kind, f'{prefix}{topic}', qos.REPLAY)
+            for msgtype, (topic, kind) in TOPICS.items() if msgtype in recording.msgtypes}
+        self.sensors = list(self._by_type.values())
+        self._tf, self._driver = tf, None
+        if tf is not None and TRANSFORMS in recording.msgtypes:
+            self._by_type[TRANSFORMS] = node.create_publisher(tf, f'{prefix}tf_static',
+                                                              qos.LATCHED_PER_PAIR)
+        if tf is not None and ODOMETRY in recording.msgtypes:
+            self._driver = node.create_publisher(tf, f'{prefix}tf', qos.TRANSFORMS)
 
+    def publish(self, record: Record) -> None:
+        """Publish a record as it is; what odometry says, also as the robot's driver says it."""
+        publisher = self._by_type.get(record.msgtype)
+        if publisher is not None:
+            publisher.publish(record.data)
+        if record.msgtype == ODOMETRY and self._driver is not None:
+            odometry = deserialize_message(record.data, Odometry)
+            self._driver.publish(self._tf(transforms=[convert.transform_message(
+                convert.pose_from_message(odometry.pose.pose),
+                plain(odometry.header.frame_id) or 'odom',
+                plain(odometry.child_frame_id) or 'base_link', odometry.header.stamp)]))
 
-def open_bag(path: str | Path) -> AnyReader:
-    """Make a reader for a rosbag1 or rosbag2 (sqlite3, mcap) bag, or a folder with `bag` in it."""
-    path = Path(path)
-    if (path / 'bag').exists() and not (path / 'metadata.yaml').exists():
-        path = path / 'bag'
-    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+    def heard(self) -> bool:
+        """Return whether someone listens to the scans and to an odometry."""
+        return sum(bool(p.get_subscription_count()) for p in self.sensors) >= min(
+            2, len(self.sensors))
 
-
-def is_played(connection: Any) -> bool:
-    """Return whether a bag's topic is played: of the transforms only those that never change."""
-    return connection.msgtype in TOPICS or (
-        connection.msgtype == TRANSFORMS and connection.topic.endswith('tf_static'))
-
-
-def read_records(reader: AnyReader, msgtypes: set[str]) -> Iterator[Record]:
-    """Yield the played messages of some types in the order of recording."""
-    connections = [c for c in reader.connections if is_played(c) and c.msgtype in msgtypes]
-    ros1 = get_typestore(Stores.ROS1_NOETIC) if not reader.is2 else None
-    if connections:
-        for connection, nanoseconds, raw in reader.messages(connections=connections):
-            data = bytes(ros1.ros1_to_cdr(raw, connection.msgtype)) if ros1 else raw
-            yield Record((nanoseconds - reader.start_time) * 1e-9, connection.msgtype, data)
+    def finish(self) -> None:
+        """Wait until the last messages have arrived."""
+        for publisher in self.sensors:
+            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_WITHIN))
 
 
 class PlayerNode(Node):
-    """Publishes a bag from a thread of its own, then sets the stop event."""
+    """Publishes bags from a thread of its own, then sets the stop event."""
 
     status = 0
 
     def __init__(self, options: argparse.Namespace, stop: threading.Event) -> None:
         super().__init__('player')
         self._options, self._stop = options, stop
-        try:
-            self._reader = open_bag(options.bag)
-            self._reader.open()
-        except Exception as error:   # the library raises many kinds on a damaged file
-            raise ValueError(f'{options.bag}: not a readable bag ({error})') from error
-        self._publishers_by_type = self._make_publishers()
+        self._recordings = [Recording(bag) for bag in options.bags]
+        align(self._recordings)
+        tf = message_type('tf2_msgs.msg', 'TFMessage')
+        if tf is None:
+            self.get_logger().info('tf2_msgs is not there: no transforms are played')
+        self._robots = [RobotTopics(self, recording, prefix, tf) for recording, prefix in zip(
+            self._recordings, prefixes(options), strict=True)]
+        self._clock_topic = (self.create_publisher(Clock, '/clock', qos.LATEST)
+                             if options.clock else None)
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()
 
@@ -85,67 +98,85 @@ class PlayerNode(Node):
         """Stop playing; return whether the thread ended in time."""
         self._stop.set()
         self._thread.join(timeout)
-        self._reader.close()
+        for recording in self._recordings:
+            recording.close()
         return not self._thread.is_alive()
-
-    def _make_publishers(self) -> dict[str, Any]:
-        """Make a publisher for each kind of message that the bag holds."""
-        topics = dict(TOPICS)
-        try:
-            topics[TRANSFORMS] = (
-                'tf_static', import_module('tf2_msgs.msg').TFMessage, qos.LATCHED_PER_PAIR)
-        except ImportError:
-            self.get_logger().info('tf2_msgs is not there: the mount of the laser is not played')
-        held = {c.msgtype for c in self._reader.connections if is_played(c)}
-        return {msgtype: self.create_publisher(cls, topic, profile)
-                for msgtype, (topic, cls, profile) in topics.items() if msgtype in held}
 
     def _play(self) -> None:
         """Publish every message at its time."""
         try:
-            self._wait_for_listeners()
+            begin = min(recording.start + recording.shift for recording in self._recordings)
+            self._wait_for_listeners(begin)
             start = time.monotonic()
-            for count, record in enumerate(read_records(self._reader,
-                                                        set(self._publishers_by_type))):
-                due = start + record.time / self._options.rate
-                if self._stop.wait(max(0.0, due - time.monotonic())):
+            for number, record in together(self._recordings):
+                if not self._wait_until(record.time, begin, start):
                     return
-                self._publishers_by_type[record.msgtype].publish(record.data)
-            self._finish(start)
+                self._robots[number].publish(record)
+            for robot in self._robots:
+                robot.finish()
+            self.get_logger().info(f'played {", ".join(map(str, self._options.bags))} in '
+                                   f'{time.monotonic() - start:.1f} s')
         except Exception as error:   # the library raises many kinds on a damaged file
-            self.get_logger().error(f'{self._options.bag}: {error}')
+            self.get_logger().error(f'{", ".join(map(str, self._options.bags))}: {error}')
             self.status = 1
         finally:
             self._stop.set()
 
-    def _wait_for_listeners(self) -> None:
-        """Wait until someone listens to the scans and to an odometry, for a bounded time."""
+    def _wait_until(self, stamp: int, begin: int, start: float) -> bool:
+        """Wait for a time [ns] of recording, and say what time it is; False if told to stop."""
+        rate = self._options.rate
+        due = start + (stamp - begin) * 1e-9 / rate
+        while (left := due - time.monotonic()) > 0.0:
+            self._tell_time(begin + int((time.monotonic() - start) * rate * 1e9))
+            if self._stop.wait(min(left, CLOCK_PERIOD) if self._clock_topic else left):
+                return False
+        self._tell_time(stamp)
+        return not self._stop.is_set()
+
+    def _tell_time(self, now: int) -> None:
+        """Publish the time [ns] on /clock, unless that was done a moment ago."""
+        if self._clock_topic is not None and time.monotonic() >= self._told + CLOCK_PERIOD:
+            self._told = time.monotonic()
+            seconds, nanoseconds = divmod(now, 10 ** 9)
+            self._clock_topic.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+
+    _told = float('-inf')   # [s, steady clock] when the time was published last
+
+    def _wait_for_listeners(self, begin: int) -> None:
+        """Wait until someone listens to every robot, for a bounded time."""
         until = time.monotonic() + self._options.wait
         while time.monotonic() < until and not self._stop.wait(0.05):
-            heard = {msgtype for msgtype, publisher in self._publishers_by_type.items()
-                     if publisher.get_subscription_count()}
-            if len(heard & set(TOPICS)) >= 2:
+            self._tell_time(begin)
+            if all(robot.heard() for robot in self._robots):
                 self._stop.wait(SETTLE)
                 return
 
-    def _finish(self, start: float) -> None:
-        """Wait until the last messages have arrived."""
-        for publisher in self._publishers_by_type.values():
-            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_WITHIN))
-        self.get_logger().info(f'played {self._options.bag} in {time.monotonic() - start:.1f} s')
+
+def prefixes(options: argparse.Namespace) -> list[str]:
+    """Prefixes of the topics of every bag: none for one bag, else the names of the robots."""
+    robots = options.robots or ([] if len(options.bags) == 1 else [
+        f'robot{number}' for number in range(1, len(options.bags) + 1)])
+    if robots and len(robots) != len(options.bags):
+        raise ValueError(f'{len(robots)} robots for {len(options.bags)} bags')
+    return [f'{robot.strip("/")}/' for robot in robots] or ['']
 
 
 def main(args: list[str] | None = None) -> int:
-    """Play a bag: `player BAG [--rate R] [--wait S] --ros-args -r __ns:=/robot1`."""
+    """Play bags: `player BAG [BAG ...] [--rate R] [--clock] --ros-args -r __ns:=/robot1`."""
     parser = argparse.ArgumentParser(prog='player', description=main.__doc__)
-    parser.add_argument('bag', help='rosbag2 folder, .mcap, .db3 or rosbag1 file')
+    parser.add_argument('bags', nargs='+', metavar='BAG',
+                        help='rosbag2 folder, .mcap, .db3 or rosbag1 file')
+    parser.add_argument('--robots', nargs='+', metavar='NAME',
+                        help='namespaces of the bags (several bags: robot1 robot2 ...)')
     parser.add_argument('--rate', type=float, default=1.0, help='times real time')
+    parser.add_argument('--clock', action='store_true',
+                        help='publish the time of recording on /clock, for use_sim_time')
     parser.add_argument('--wait', type=float, default=10.0,
                         help='seconds to wait for listeners before playing')
     options = parser.parse_args(plain_args(args))
     if not options.rate > 0:
         parser.error('--rate must be positive')
-    return run(lambda stop: PlayerNode(options, stop), args)
+    return run(partial(PlayerNode, options), args)
 
 
 if __name__ == '__main__':
