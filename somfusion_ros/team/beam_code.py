@@ -15,7 +15,7 @@ import zlib
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.geometry import Pose, wrap
+from somfusion_ros.geometry import Array, Pose, wrap
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.scan import Cloud, cloud, Scan
@@ -34,8 +34,9 @@ class BeamLimits:
 
 TUNING = BeamLimits()
 MAX_BEAMS = 8192             # of a scan that is told of; more are thinned by their robot
-BEYOND, NOTHING = 65535, 0   # in place of a range: nothing returned up to the limit; not known
-HEADER = struct.Struct('<H7f')   # beams; origin x, y; limit; angle, step, shift x, y
+MOST = 65535                 # steps of the longest range
+HEADER = struct.Struct('<H6f')   # beams; origin x, y; angle, step, shift x, y
+BEAM_TIME = 1 / 10_000       # [s] from beam to beam; only the shift in it counts
 STEPS = 6                    # of Gauss-Newton for the geometry; three are usual
 
 
@@ -80,21 +81,18 @@ def fan_of(outline: Outline) -> Fan:
 
 def encode_beams(outline: Outline) -> bytes:
     """Pack what a scan saw: 190 to 330 bytes for 180 to 361 beams of a laser."""
-    if len(outline.reach) > MAX_BEAMS:
-        every = -(-len(outline.reach) // MAX_BEAMS)
+    every = -(-len(outline.reach) // MAX_BEAMS)
+    if every > 1:
         outline = Outline(outline.ends[::every], outline.reach[::every], outline.hit[::every],
                           outline.origin)
     fan, reach = fan_of(outline), outline.reach
-    seen = float(reach[~outline.hit].max(initial=0.0))
-    limit = np.float32(seen or reach.max(initial=0.0) + TUNING.step)    # as it is told
-    most = min(np.ceil(float(limit) / TUNING.step - 1e-6) - 1, BEYOND - 1)   # below the limit
-    codes = np.clip(np.rint(reach / TUNING.step), 1, most).astype(np.uint16)
-    codes[~outline.hit] = np.where(reach[~outline.hit] > 0.0, BEYOND, NOTHING)
+    codes = np.clip(np.rint(reach / TUNING.step), 0, MOST).astype(np.uint16)
+    codes[outline.hit] = np.maximum(codes[outline.hit], 1)
     change = np.diff(codes, prepend=np.uint16(0)).view(np.int16)   # modulo 2^16
     zigzag = ((change << 1) ^ (change >> 15)).astype('<u2')        # small for small changes
     planes = zigzag.view(np.uint8).reshape(-1, 2).T.tobytes()
-    return (HEADER.pack(len(reach), *outline.origin, limit, fan.angle, fan.step, fan.shift_x,
-                        fan.shift_y) + _compress(planes))
+    return (HEADER.pack(len(reach), *outline.origin, fan.angle, fan.step, fan.shift_x, fan.shift_y)
+            + _compress(planes + np.packbits(outline.hit).tobytes()))
 
 
 def decode_beams(data: bytes) -> Cloud:
@@ -105,32 +103,32 @@ def decode_beams(data: bytes) -> Cloud:
     """
     if len(data) < HEADER.size:
         raise ValueError('a view is cut short')
-    beams, x, y, limit, *numbers = HEADER.unpack_from(data)
-    values = np.array([x, y, limit, *numbers])
-    if not (beams <= MAX_BEAMS and np.isfinite(values).all()
-            and np.abs(values[:2]).max() <= TUNING.farthest_laser):
+    beams, x, y, angle, step, *shift = HEADER.unpack_from(data)
+    if not (beams <= MAX_BEAMS and np.isfinite([x, y, angle, step, *shift]).all()
+            and max(abs(x), abs(y)) <= TUNING.farthest_laser
+            and max(map(abs, (step, *shift))) <= TUNING.largest_step):
         raise ValueError('a view has an unusable geometry')
-    if not (0.0 <= limit <= BEYOND * TUNING.step and abs(numbers[1]) <= TUNING.largest_step
-            and np.abs(numbers[2:]).max() <= TUNING.largest_step):
-        raise ValueError('a view has an unusable geometry')
-    codes = _codes(data[HEADER.size:], beams)
-    ranges = np.where(codes == BEYOND, np.inf, codes * TUNING.step)
-    return cloud(Scan(0.0, ranges, numbers[0], numbers[1] or 1e-6, 0.5 * TUNING.step, np.inf, 1.0,
-                      Pose(x, y, 0.0)), max(limit, TUNING.step), np.array([*numbers[2:], 0.0]))
+    reach, hit = _unpacked(data[HEADER.size:], beams)
+    ranges = np.where(hit, reach, np.where(reach > 0.0, np.inf, np.nan))
+    twist = np.array([*shift, 0.0]) / BEAM_TIME
+    return cloud(Scan(0.0, ranges, angle, step or 1e-6, 0.0, np.inf, BEAM_TIME, Pose(x, y, 0.0),
+                      reach), np.inf, twist)
 
 
-def _codes(packed: bytes, beams: int) -> NDArray[np.uint16]:
-    """Unpack the codes (beams,) of the ranges."""
+def _unpacked(packed: bytes, beams: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Unpack how far each beam saw (beams,) [m], and whether it returned."""
     unpacker = zlib.decompressobj(wbits=-15)
     try:
-        planes = unpacker.decompress(packed, 2 * MAX_BEAMS + 1)
+        planes = unpacker.decompress(packed, 3 * MAX_BEAMS)
     except zlib.error as error:
         raise ValueError(f'a view is damaged ({error})') from error
-    if len(planes) != 2 * beams or not unpacker.eof or unpacker.unused_data:
+    if len(planes) != 2 * beams + -(-beams // 8) or not unpacker.eof or unpacker.unused_data:
         raise ValueError('a view is damaged (its beams do not fit its length)')
-    zigzag = np.frombuffer(planes, np.uint8).reshape(2, -1).T.copy().view('<u2')[:, 0]
+    values = np.frombuffer(planes, np.uint8)
+    zigzag = values[:2 * beams].reshape(2, -1).T.copy().view('<u2')[:, 0]
     change = ((zigzag >> 1) ^ -(zigzag & 1).astype(np.int16).view(np.uint16)).astype(np.uint16)
-    return np.cumsum(change, dtype=np.uint16)
+    reach = TUNING.step * np.cumsum(change, dtype=np.uint16).astype(float)
+    return reach, np.unpackbits(values[2 * beams:], count=beams).astype(bool) & (reach > 0.0)
 
 
 def _compress(data: bytes) -> bytes:

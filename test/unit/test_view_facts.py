@@ -16,7 +16,7 @@ from somfusion_ros.team.beam_code import decode_beams, encode_beams, MAX_BEAMS
 from somfusion_ros.team.view_facts import (decode_constraint, decode_view, encode_constraint,
                                            Facts, heard, tell, TUNING, ViewFact)
 
-STEP = 0.0105      # [m] of a range in centimetres, and single precision
+STEP = 0.01      # [m] of a range that is told
 
 
 def seen_from(pose: Array, twist: Array | None = None, sweep: float = 0.0, beams: int = 361
@@ -35,8 +35,8 @@ def test_beams_come_through(x: float, y: float, theta: float, speed: float, turn
     back = decode_beams(encode_beams(seen.outline))
     assert np.array_equal(back.outline.hit, seen.outline.hit)
     off = np.hypot(*(back.outline.ends - seen.outline.ends)[seen.outline.hit].T)
-    assert off.max(initial=0.0) < STEP          # a whole one just below the limit
-    assert np.median(off) < 0.5 * STEP
+    assert off.max(initial=0.0) < 0.55 * STEP      # and what single precision costs
+    assert np.abs(back.outline.reach - seen.outline.reach).max() < 0.51 * STEP
     assert np.allclose(back.outline.origin, seen.outline.origin, atol=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_garbage_ends_in_a_value_error_or_a_small_view(noise: bytes, at: int, bi
 
 
 def test_a_bomb_is_refused() -> None:
-    head = encode_beams(seen_from(np.array([2.0, 2.0, 1.0])).outline)[:30]
+    head = encode_beams(seen_from(np.array([2.0, 2.0, 1.0])).outline)[:26]
     import zlib
     packer = zlib.compressobj(9, wbits=-15)
     bomb = packer.compress(bytes(50_000_000)) + packer.flush()
