@@ -21,10 +21,11 @@ RESULT, EVIDENCE = 'result.json', 'evidence.npz'
 
 def fusion_record(fusion: 'Fusion') -> dict[str, Any]:
     """Describe a fusion for result.json: pairs, transforms, unconnected, verification_index."""
-    bonds = {bond.pair: bond for bond in fusion.elastic.bonds} if fusion.elastic else {}
+    bonds = ({frozenset(bond.pair): bond for bond in fusion.elastic.bonds} if fusion.elastic
+             else {})
     return {
-        'pairs': [{**pair_record(pair), **bond_record(bonds.get((pair.target, pair.source)))}
-                  for pair in fusion.pairs],
+        'pairs': [{**pair_record(pair), **bond_record(bonds.get(
+            frozenset((pair.target, pair.source)), pair.bond))} for pair in fusion.pairs],
         'transforms': {robot: pose_record(fusion.world[robot]) for robot in fusion.world},
         'unconnected': list(fusion.unconnected),
         'verification_index': fusion.verification_index,

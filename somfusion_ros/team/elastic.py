@@ -74,6 +74,16 @@ def straighten(robots: Mapping[str, ViewSet], world: Mapping[str, Pose],
         bonds = judged
 
 
+def ask(views: Mapping[str, ViewSet], target: str, source: str, T_target_source: Pose,
+        settings: ElasticSettings | None = None) -> Bond:
+    """Ask the views of two robots whether the source's map lies at a pose in the target's."""
+    pair = {name: views[name] for name in sorted((target, source))}
+    world = {target: Pose(), source: T_target_source}
+    problem = _Elastic(pair, world, SlamConfig(), settings or ElasticSettings())
+    (names, matches), = (found := problem.matched())[0].items()
+    return problem.bond(names, matches, found[1])
+
+
 class _Elastic:
     """One team's problem: its robots' views, and where their maps lie before and after."""
 
@@ -115,7 +125,7 @@ class _Elastic:
         if len(matches) >= settings.bond.fewest:
             asked = confirm(target, source, settings.confirming, settings.matching, self._config)
         said = (f'{asked.confirmed} of {asked.asked} views confirm, worst direction fixed to '
-                f'{100 * weakest:.0f} cm')
+                f'{"under 1" if weakest < 0.01 else format(100.0 * weakest, ".0f")} cm')
         holds = asked.share >= settings.bond.confirmed and weakest <= settings.bond.fixed
         before = wall_agreement(*(self._rigid_maps[name] for name in pair))
         if len(matches) < settings.bond.fewest:

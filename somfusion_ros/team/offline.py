@@ -13,22 +13,29 @@ from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.measures import measure
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.elastic import ElasticTeam, straighten
+from somfusion_ros.team.elastic import ask, ElasticTeam, straighten
 from somfusion_ros.team.global_map import merge_grids
 from somfusion_ros.team.graph import Solution, solve
 from somfusion_ros.team.joint_map import draw_joint
 from somfusion_ros.team.view_set import ViewSet
+from somfusion_ros.team.view_verdict import could_matter, judge_views, RULES
 
 
 @dataclass(frozen=True, eq=False)
 class PairResult:
-    """The verdict on one pair of maps, and how it came about where that was asked for."""
+    """
+    The verdict on one pair of maps.
+
+    trace: how it came about, where that was asked for; bond: what the views said, where asked.
+    """
 
     target: str
     source: str
     alignment: Alignment
     trace: Trace | None = None
+    bond: Bond | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +79,9 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
     for target, source in combinations(names, 2):
         pairs.append(_align(grids, target, source, config, traced, cache))
         on_pair()
+    if views:
+        confidence = (config or FusionConfig()).estimation_confidence
+        pairs = [_asked(pair, views, confidence) for pair in pairs]
     constraints = [MapConstraint(p.target, p.source, p.alignment.T_target_source,
                                  p.alignment.covariance, p.alignment.probability)
                    for p in pairs
@@ -84,6 +94,17 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
              draw_joint(views, elastic.poses, min(grids[name].resolution for name in world)))
     return Fusion(pairs, solution, world, [n for n in names if n not in world], drawn,
                   _whole_index(grids, world, config, cache), views, elastic)
+
+
+def _asked(pair: PairResult, views: Mapping[str, ViewSet], confidence: float) -> PairResult:
+    """Weigh the verdict on a pair anew with what its views say, where they can turn it."""
+    found, names = pair.alignment, (pair.target, pair.source)
+    if found.T_target_source is None or not could_matter(found.probability, confidence):
+        return pair
+    bond, rival = ask(views, *names, found.T_target_source), None
+    if found.runner_up is not None and found.probability < RULES.clear:
+        rival = ask(views, *names, found.runner_up.T_target_source)
+    return replace(pair, alignment=judge_views(found, bond, rival, confidence), bond=bond)
 
 
 def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionConfig | None,
