@@ -21,6 +21,7 @@ class BondSettings:
                               'one: 99.9 % of chi-square with 3 degrees', 'by design')
     fewest: int = tuned(3, 'matches', 'that join two maps', 'by design')
     confirmed: float = tuned(0.75, '', 'share of the views that must confirm', 'shared teams')
+    near: float = tuned(0.01, 'm', 'sigma below which nothing more is said of it', 'by design')
     fixed: float = tuned(0.1, 'm', 'sigma of the weakest direction that matches must reach',
                          'shared teams')
     resolution: float = tuned(0.05, 'm', 'of the maps whose walls are compared', 'by design')

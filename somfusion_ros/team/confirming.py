@@ -20,7 +20,7 @@ from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import refine
 from somfusion_ros.slam.matching import TUNING as MATCHING
 from somfusion_ros.slam.scan import Cloud
-from somfusion_ros.team.inter_matching import MatchingSettings, nearest, Placed, Surroundings
+from somfusion_ros.team.inter_matching import MatchingSettings, Placed, spread, Surroundings
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class ConfirmSettings:
     """When a view confirms a joint solution."""
 
     every: int = tuned(2, 'views', 'of the source one in so many is asked', 'shared teams')
+    most: int = tuned(60, 'views', 'that are asked, spread over those that lie near the target',
+                      'Intel and CSAIL: their share is that of all')
     overlap: float = tuned(0.3, '', 'share of its points near the surface of a peer from which a '
                            'view should be found there', 'as for loops')
     reach: float = tuned(2.5, 'm', 'half the edge of the window of the second search; in a '
@@ -55,10 +57,7 @@ def confirm(target: Placed, source: Placed, settings: ConfirmSettings,
             matching: MatchingSettings, config: SlamConfig) -> Confirmation:
     """Ask the source's views whether they lie where the joint solution has them."""
     around, asked, confirmed = Surroundings(target), 0, 0
-    for new in range(0, len(source.views), settings.every):
-        places = nearest(target, source, new, matching)
-        if not places:
-            continue
+    for new, places in spread(target, source, settings.every, settings.most, matching):
         seen = loop_matching.recent(new, source.poses, source.views.clouds)
         expected = between(target.poses[places[0]], source.poses[new])
         local = around(places[0])

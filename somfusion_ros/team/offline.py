@@ -14,8 +14,9 @@ from somfusion_ros.fusion.measures import measure
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.team.bond import Bond
+from somfusion_ros.team.bonding import bond_of
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.elastic import ask, ElasticTeam, straighten
+from somfusion_ros.team.elastic import ElasticTeam, straighten
 from somfusion_ros.team.global_map import merge_grids
 from somfusion_ros.team.graph import Solution, solve
 from somfusion_ros.team.joint_map import draw_joint
@@ -88,8 +89,11 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
                    if p.alignment.accepted and p.alignment.T_target_source is not None]
     solution = solve(names, constraints)
     world = dict(solution.groups[0])
+    dropped = {frozenset(item.constraint.robots) for item in solution.dropped}
+    bonds = [pair.bond for pair in pairs if pair.bond is not None and pair.alignment.accepted
+             and frozenset(pair.bond.pair) not in dropped]
     views = views or {}
-    elastic = straighten(views, world) if views and len(world) > 1 else None
+    elastic = straighten(views, world, known=bonds) if views and len(world) > 1 else None
     drawn = (merge_grids(grids, world) if elastic is None else
              draw_joint(views, elastic.poses, min(grids[name].resolution for name in world)))
     return Fusion(pairs, solution, world, [n for n in names if n not in world], drawn,
@@ -101,9 +105,9 @@ def _asked(pair: PairResult, views: Mapping[str, ViewSet], confidence: float) ->
     found, names = pair.alignment, (pair.target, pair.source)
     if found.T_target_source is None or not could_matter(found.probability, confidence):
         return pair
-    bond, rival = ask(views, *names, found.T_target_source), None
+    bond, rival = bond_of(views, *names, found.T_target_source), None
     if found.runner_up is not None and found.probability < RULES.clear:
-        rival = ask(views, *names, found.runner_up.T_target_source)
+        rival = bond_of(views, *names, found.runner_up.T_target_source)
     return replace(pair, alignment=judge_views(found, bond, rival, confidence), bond=bond)
 
 
