@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, with_drift
-from somfusion_ros.team.pose_graph import chi2_from, component, Estimate, optimise, PoseGraph
+from somfusion_ros.team.pose_graph import (component, Estimate, leave_one_out, optimise,
+                                           PoseGraph)
 from somfusion_ros.team.voices import one_voice_each
 
-SUSPECTS = 12         # constraints of the largest residuals that are tried for leaving out
+DIGITS = 3            # of chi-square; constraints that differ by less are equally bad
 NAMED = 8             # robots that a reason names
 CONTRADICTIONS = 3    # of one author that are left out one by one; then all that it says is
 
@@ -161,13 +162,9 @@ def _worst_constraint(graph: PoseGraph, constraints: list[MapConstraint],
     Find the constraint on a cycle without which the others agree best.
 
     In a single cycle all do equally well: there the least probable constraint goes, then the least
-    known one. A wrong one pulls at its own cycles, so it is sought where the residuals are large.
+    known one.
     """
-    def cost(number: int) -> tuple[float, float, float]:
-        rest = graph.without(number)
-        if len(component(graph.nodes, rest.pairs, 0)) < graph.nodes:
-            return np.inf, 0.0, 0.0  # a bridge lies on no cycle
-        return (round(chi2_from(rest, estimate.poses), 3), constraints[number].probability,
-                float(np.linalg.det(graph.information[number])))
-    suspects: list[int] = np.argsort(-estimate.chi2, kind='stable')[:SUSPECTS].tolist()
-    return min(sorted(suspects), key=cost)
+    without = np.round(leave_one_out(graph, estimate), DIGITS)
+    alike = np.flatnonzero(without == without.min()).tolist()
+    return min(alike, key=lambda number: (constraints[number].probability,
+                                          float(np.linalg.det(graph.information[number]))))

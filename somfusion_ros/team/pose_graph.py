@@ -18,13 +18,15 @@ from somfusion_ros.geometry import Array, between, between_jacobians, compose, i
 from somfusion_ros.settings import tuned
 
 MAX_ITERATIONS = 50
-FEW_ITERATIONS = 3     # of a graph that differs by one constraint from one that is solved
 
 
 @dataclass(frozen=True)
 class PoseGraphTuning:
-    """When the solution is found."""
+    """When the solution is found, and what ties it."""
 
+    least_freedom: float = tuned(
+        1e-6, '', 'share of its own noise that a constraint keeps where others say the same; '
+        'below, nobody else does', 'by design')
     step_tolerance: float = tuned(
         1e-9, 'm, rad', 'a smaller step is none; all robots must find the same poses', 'by design')
 
@@ -82,11 +84,27 @@ def optimise(graph: PoseGraph) -> Estimate:
     return Estimate(poses, covariances, chi2)
 
 
-def chi2_from(graph: PoseGraph, poses: Array) -> float:
-    """Chi-square (sum) that a graph settles at, to first order, from poses that nearly fit it."""
-    for _ in range(FEW_ITERATIONS):
-        poses, _ = _step(graph, poses)
-    return float(_linearise(graph, poses)[2].sum())
+def leave_one_out(graph: PoseGraph, estimate: Estimate) -> Array:
+    """
+    Chi-square (E,) that the others sum up to without each constraint, to first order.
+
+    What a constraint's residual is in the scale of its own noise, less what the solution owes to
+    it, is removed. inf where the graph would fall apart: such a constraint has no residual.
+    """
+    H, _, chi2 = _linearise(graph, estimate.poses)
+    P = np.zeros_like(H)
+    P[3:, 3:] = np.linalg.inv(H[3:, 3:])
+    residual, J, index = _residuals(graph, estimate.poses)
+    root = np.linalg.cholesky(graph.information)
+    white = np.einsum('eji,ej->ei', root, residual)
+    J = np.swapaxes(root, 1, 2) @ J
+    owed = J @ P[index[:, :, None], index[:, None, :]] @ np.swapaxes(J, 1, 2)
+    free, directions = np.linalg.eigh(np.eye(3) - owed)
+    along = np.einsum('eji,ej->ei', directions, white)
+    tied = free > TUNING.least_freedom
+    removed = np.sum(np.where(tied, along ** 2 / np.where(tied, free, 1.0), 0.0), axis=1)
+    without: Array = np.where(tied.any(axis=1), chi2.sum() - removed, np.inf)
+    return without
 
 
 def _step(graph: PoseGraph, poses: Array) -> tuple[Array, float]:
@@ -101,18 +119,24 @@ def _step(graph: PoseGraph, poses: Array) -> tuple[Array, float]:
 
 def _linearise(graph: PoseGraph, poses: Array) -> tuple[Array, Array, Array]:
     """Build the normal matrix H, gradient, and chi-square per constraint at the given poses."""
-    count, (a, b) = len(graph.pairs), graph.pairs.T
-    residual = between(poses[a], poses[b]) - graph.measured
-    residual[:, 2] = wrap(residual[:, 2])
-    J = np.concatenate(between_jacobians(poses[a], poses[b]), axis=-1)
+    residual, J, index = _residuals(graph, poses)
     JtW = np.swapaxes(J, 1, 2) @ graph.information
-    index = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
     size = 3 * graph.nodes
     H = np.bincount((size * index[:, :, None] + index[:, None, :]).ravel(), (JtW @ J).ravel(),
                     size * size).reshape(size, size)
     gradient = np.bincount(index.ravel(), np.einsum('eij,ej->ei', JtW, residual).ravel(), size)
     chi2 = np.einsum('ei,eij,ej->e', residual, graph.information, residual)
-    return H, gradient, chi2.reshape(count)
+    return H, gradient, chi2
+
+
+def _residuals(graph: PoseGraph, poses: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Residuals (E, 3), their Jacobians (E, 3, 6), and the places (E, 6) of these in H."""
+    a, b = graph.pairs.T
+    residual = between(poses[a], poses[b]) - graph.measured
+    residual[:, 2] = wrap(residual[:, 2])
+    J = np.concatenate(between_jacobians(poses[a], poses[b]), axis=-1)
+    index = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
+    return residual, J, index
 
 
 def _along_tree(graph: PoseGraph) -> Array:

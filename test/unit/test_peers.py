@@ -26,6 +26,12 @@ def test_peers_are_found_by_exact_last_name_and_type() -> None:
     assert find_peers(TOPICS, TEAM_STATE, STATE_TYPE, '/robot1/team/state', []) == ['robot8']
 
 
+def test_what_a_robot_shows_of_its_peers_is_no_robot() -> None:
+    topics = [('/robot1/peers/robot2/map', [MAP_TYPE]), ('/peers/map', [MAP_TYPE]),
+              ('/a/b/peers/robot2/map', [MAP_TYPE]), (f'/{"r" * 65}/map', [MAP_TYPE])]
+    assert find_peers(topics, 'map', MAP_TYPE, '/robot1/map', []) == ['peers']
+
+
 def test_only_wanted_peers_are_heard() -> None:
     assert find_peers(TOPICS, 'map', MAP_TYPE, '/robot1/map', ['/robot2', 'robot9']) == ['robot2']
 

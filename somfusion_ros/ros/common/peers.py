@@ -3,6 +3,10 @@
 """Which robots there are, told by the topics of the ROS graph."""
 
 from collections.abc import Iterable
+from contextlib import suppress
+
+from somfusion_ros.ros.common import names
+from somfusion_ros.team.names import robot_name
 
 
 def find_peers(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: str,
@@ -10,7 +14,8 @@ def find_peers(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: st
     """
     Names of the robots that publish a topic, which is `<robot>/<last name>`.
 
-    Only topics of the exact type and last name count: never a peer's global_map or a costmap.
+    Only topics of the exact type and last name count: never a peer's global_map or a costmap, nor
+    what one robot shows of another below `peers`.
 
     Parameters
     ----------
@@ -24,8 +29,11 @@ def find_peers(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: st
     found = set()
     for topic, types in topics:
         name = topic.removesuffix(f'/{last_name}')
-        if name not in (topic, '') and kind in types and topic != own_topic:
-            found.add(name.strip('/'))
+        if (name in (topic, '') or kind not in types or topic == own_topic
+                or names.PEERS in name.strip('/').split('/')[1:]):
+            continue
+        with suppress(ValueError):
+            found.add(robot_name(name.strip('/')))
     return sorted(found & wanted if wanted else found)
 
 
