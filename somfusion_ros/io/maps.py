@@ -28,12 +28,24 @@ def read_map(path: str | Path) -> Grid:
 
     Parameters
     ----------
-    path : the YAML file; the image is looked for relative to it
+    path : path
+        The YAML file; the image is looked for relative to it.
+
+    Returns
+    -------
+    Grid
+        The map as evidence, in metres.
 
     Raises
     ------
-    MapError : one line that names the file and what is wrong with it
+    MapError
+        In one line that names the file and what is wrong with it.
 
+    Examples
+    --------
+    >>> path = write_map('room', Grid(np.array([[1.0, -1.0], [0.0, 1.0]]), 0.05))
+    >>> read_map(path).to_occupancy().tolist()
+    [[0, 100], [-1, 0]]
     """
     path = Path(path)
     try:
@@ -62,8 +74,8 @@ def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
     """
     Write `<name>.pgm` and `<name>.yaml` (trinary) into a folder, made where missing.
 
-    Returns the path of the YAML file. Cells that are neither clearly wall nor clearly free
-    become unknown.
+    Cells that are neither clearly wall nor clearly free become unknown. Return the path of the
+    YAML file.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -20,9 +20,39 @@ from somfusion_ros.offline.summary import tell_fusion
 def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig | None = None,
           pictures: bool = True) -> dict[str, Any]:
     """
-    Stitch saved maps; write everything into a folder; return what is in result.json.
+    Stitch saved maps, and write everything into a folder.
 
-    Raises MapError, with one line, where a map or the folder cannot be used.
+    Parameters
+    ----------
+    paths : sequence of path
+        map_server's YAML files, two or more.
+    output : path
+        Folder for map.yaml, map.pgm, result.json and the report; made where it is missing.
+    config : FusionConfig, optional
+        Parameters of the merge.
+    pictures : bool
+        Whether to draw the report.
+
+    Returns
+    -------
+    dict
+        What is in result.json: `pairs`, `transforms` [m, rad] and more.
+
+    Raises
+    ------
+    MapError
+        In one line, where a map or the folder cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from somfusion_ros.grid import Grid
+    >>> for name in ('a', 'b'):
+    ...     path = write_map(name, Grid(np.ones((40, 40)), 0.05))     # no wall in either
+    >>> record = merge(['a/map.yaml', 'b/map.yaml'], 'out', pictures=False)
+    a <- b: refused...
+    >>> record['pairs'][0]['accepted'], record['unconnected']
+    (False, ['b'])
     """
     started, config = time.perf_counter(), config or FusionConfig()
     if len(paths) < 2:

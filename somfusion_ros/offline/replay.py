@@ -48,11 +48,37 @@ class ReplayOptions:
 def replay(bags: Sequence[str | Path], output: str | Path,
            options: ReplayOptions | None = None) -> dict[str, Any]:
     """
-    Replay bags of one robot or of several; write everything into a folder.
+    Replay bags of one robot or of several, and write everything into a folder.
 
-    Returns what is in result.json.
+    Parameters
+    ----------
+    bags : sequence of path
+        One per robot, or bags with several robots in namespaces; the robots are named robot1,
+        robot2, ... in this order.
+    output : path
+        Folder for maps, trajectories, result.json and the report; made where it is missing.
+    options : ReplayOptions, optional
+        What to use of the bags, and parameters.
 
-    Raises BagError or MapError, with one line, where a bag or the folder cannot be used.
+    Returns
+    -------
+    dict
+        What is in result.json: `robots`, `pairs`, `transforms` [m, rad] and more.
+
+    Raises
+    ------
+    BagError, MapError
+        In one line, where a bag or the folder cannot be used.
+
+    Examples
+    --------
+    >>> from somfusion_ros.simulation.simulate import simulate, SimulationOptions
+    >>> truth = simulate('bags', SimulationOptions(robots=1, duration=4.0))
+    robot1: ...
+    >>> record = replay(['bags/robot1'], 'out')
+    robot1: ...
+    >>> record['robots']['robot1']['scans'] > 20
+    True
     """
     options = options or ReplayOptions()
     started = time.perf_counter()

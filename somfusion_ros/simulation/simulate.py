@@ -62,7 +62,26 @@ def simulate(output: str | Path, options: SimulationOptions | None = None) -> di
     Write DIR/robotN/bag and DIR/robotN/reference.tum (T_world_base), and DIR/truth.json.
 
     The map frame of a robot lies where it starts, as its odometry does. The same seed gives the
-    same bags. Returns what is in truth.json.
+    same bags.
+
+    Parameters
+    ----------
+    output : path
+        Folder DIR; made where it is missing.
+    options : SimulationOptions, optional
+        How many robots, in which plan, for how long, with which errors.
+
+    Returns
+    -------
+    dict
+        What is in truth.json: T_world_map per robot and T_target_source per pair [m, rad].
+
+    Raises
+    ------
+    BagError
+        If a folder of a robot exists that no simulation wrote.
+    ValueError
+        If an option leaves its range.
     """
     options = options or SimulationOptions()
     if not 0.0 <= options.wheel_error < 0.5:

@@ -23,11 +23,39 @@ NOBODY = Bodies()
 
 class Slam:
     """
-    SLAM of one robot.
+    SLAM of one robot: scans with odometry in, poses and a map out.
 
-    `process` is the scan path: its time does not depend on how many views there are. With
-    `background` set, loops are closed by whoever calls `work`, from another thread; without,
-    `process` does it, and the same input gives the same result.
+    `process` is the scan path: its time does not depend on how many views there are.
+
+    Parameters
+    ----------
+    config : SlamConfig, optional
+        Parameters; `configure` changes them later.
+    background : bool
+        Whether somebody else closes loops by calling `work`, from another thread. Without,
+        `process` does it, and the same input gives the same result.
+    checkpoint : Checkpoint, optional
+        What an earlier run ended with; this one goes on from it.
+    epoch : Epoch
+        Which map a new one is to be.
+
+    Examples
+    --------
+    A robot stands in the middle of a room of 4 x 4 m, then drives 0.5 m ahead:
+
+    >>> from somfusion_ros.slam.motion import Odometry
+    >>> from somfusion_ros.slam.scan import Scan
+    >>> from somfusion_ros.simulation.floor_plan import box
+    >>> from somfusion_ros.simulation.raycast import raycast
+    >>> slam, angles = Slam(), np.radians(np.arange(360.0))
+    >>> for k, x in enumerate((0.0, 0.25, 0.5)):
+    ...     ranges, _ = raycast(box(0.0, 0.0, 4.0, 4.0), np.tile((x, 0.0), (360, 1)), angles)
+    ...     scan = Scan(0.1 * k, ranges, 0.0, np.radians(1.0), 0.1, 10.0)
+    ...     step = slam.process(scan, Odometry(0.1 * k, np.array((x, 0.0, 0.0)), np.zeros(3)))
+    >>> step.matched, round(step.pose.x, 1)
+    (True, 0.5)
+    >>> slam.grid().resolution
+    0.05
     """
 
     def __init__(self, config: SlamConfig | None = None, background: bool = False,
@@ -53,9 +81,22 @@ class Slam:
 
     def process(self, scan: Scan, odometry: Odometry, bodies: Bodies = NOBODY) -> Step:
         """
-        Follow the robot through one scan; bad input is counted and changes nothing.
+        Follow the robot through one scan.
 
-        The bodies of other robots are left out of what is seen.
+        Parameters
+        ----------
+        scan : Scan
+            What the laser saw, with its mount.
+        odometry : Odometry
+            Where the wheels have the robot at the scan's stamp.
+        bodies : Bodies
+            Other robots, which are left out of what was seen.
+
+        Returns
+        -------
+        Step
+            Pose and covariance after the scan. Bad input is counted in `counters`, named in the
+            step's reason, and changes nothing.
         """
         self.counters['scans'] += 1
         fault = scan.fault() or odometry.fault() or self._stamp_fault(scan.stamp)

@@ -41,11 +41,33 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
 
     Parameters
     ----------
-    grids : map by robot, any size, origin (yaw too) and resolution
-    poses : T_world_map by robot; only robots in both mappings are drawn
-    resolution : edge of a world cell [m], default the finest of the maps
-    driven : points (N, 2) [m] of a robot's map frame in which its centre has been, by robot
-    robot_radius : within this distance of them [m], what a robot's own map calls free is free
+    grids : mapping of str to Grid
+        Map by robot, of any size, origin (yaw too) and resolution.
+    poses : mapping of str to Pose
+        T_world_map by robot; only robots in both mappings are drawn.
+    resolution : float, optional
+        Edge of a world cell [m], by default the finest of the maps'.
+    driven : mapping of str to (N, 2) array, optional
+        Points [m] of a robot's map frame in which its centre has been, by robot.
+    robot_radius : float
+        Within this distance [m] of them, what a robot's own map calls free is free.
+
+    Returns
+    -------
+    Grid
+        The map of the world, on cells whose corners are multiples of the resolution: the same
+        place has the same cells however the maps grow.
+
+    Raises
+    ------
+    ValueError
+        If no robot is in both mappings, or the maps lie too far apart for one grid.
+
+    Examples
+    --------
+    >>> wall = Grid(np.array([[-1.0, 1.0]]), 1.0)
+    >>> merge_grids({'a': wall, 'b': wall}, {'a': Pose(), 'b': Pose(2.0)}).to_occupancy()
+    array([[100,   0, 100,   0]], dtype=int8)
     """
     names = sorted(set(grids) & set(poses))
     if not names:

@@ -68,12 +68,23 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
 
     Parameters
     ----------
-    grids : map by robot
-    config : parameters of the merge
-    traced : keep the intermediate products of every pair, for the report
-    on_pair : called after every pair
-    cache : what was learned of the maps before
-    views : by robot; with them the maps are bent until they fit, without they are summed
+    grids : mapping of str to Grid
+        Map by robot.
+    config : FusionConfig, optional
+        Parameters of the merge.
+    traced : bool
+        Whether to keep the intermediate products of every pair, for the report.
+    on_pair : callable
+        Called after every pair.
+    cache : FusionCache, optional
+        What was learned of the maps before.
+    views : mapping of str to ViewSet, optional
+        By robot; with them the maps are bent until they fit, without they are summed.
+
+    Returns
+    -------
+    Fusion
+        Pairs, the solution of the graph, T_world_map of its largest group, and the map of that.
     """
     pairs, cache = [], cache or FusionCache()
     names = sorted(grids, key=list(grids).index)

@@ -108,13 +108,20 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
 
     Parameters
     ----------
-    path : a rosbag2 folder, a single .mcap, .db3 or .bag file, or a folder with `bag` in it
-    options : what to use; default: everything as found
+    path : path
+        A rosbag2 folder, a single .mcap, .db3 or .bag file, or a folder with `bag` in it.
+    options : BagOptions, optional
+        What to use of it; by default everything as found.
+
+    Returns
+    -------
+    Log
+        Iterate over it for the scans and the odometry.
 
     Raises
     ------
-    BagError : one line that names the bag and what is wrong with it
-
+    BagError
+        In one line that names the bag and what is wrong with it.
     """
     options = options or BagOptions()
     with BagReader(path) as reader:
