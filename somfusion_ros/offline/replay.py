@@ -80,16 +80,20 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     >>> record['robots']['robot1']['scans'] > 20
     True
     """
-    options = options or ReplayOptions()
-    started = time.perf_counter()
+    options, started = options or ReplayOptions(), time.perf_counter()
     logs = {f'robot{number}': log
             for number, log in enumerate(open_logs(bags, options), start=1)}
     folder = make_folder(output)
-    for log in logs.values():
-        for note in log.notes:
-            complain(note)
+    for note in (note for log in logs.values() for note in log.notes):
+        complain(note)
     period = period_of([log.duration for log in logs.values()]) if options.bag else None
     runs = run_robots(logs, options.slam, options.jobs, period)
+    return save_team(folder, runs, options, started)
+
+
+def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions,
+              started: float) -> dict[str, Any]:
+    """Merge the robots' maps, and write and tell everything; `started`: a clock's time [s]."""
     robots = {name: save_robot(folder / name, run) for name, run in runs.items()}
     for name, record in robots.items():
         tell_robot(name, record)
