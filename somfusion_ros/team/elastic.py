@@ -15,7 +15,7 @@ import numpy as np
 from somfusion_ros.geometry import Array, between, compose, fit, Pose
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bonding import bond_of, ElasticSettings
-from somfusion_ros.team.graph import with_drift
+from somfusion_ros.team.constraint import with_drift
 from somfusion_ros.team.joint import InterMatch, solve_joint
 from somfusion_ros.team.view_set import ViewSet
 

@@ -72,7 +72,7 @@ def judge_views(alignment: Alignment, bond: Bond, rival: Bond | None, confidence
     accepted = probability >= confidence
     _, _, said = alignment.reason.partition(': ')
     said = f'{"accepted" if accepted else "refused"}: {bond.reason}; {said}'
-    if against:
+    if against and rival is not None:
         said += (f'; {rival.confirmation.confirmed} of {rival.confirmation.asked} views confirm '
                  'the rival')
     return replace(alignment, accepted=accepted, probability=probability, reason=said)

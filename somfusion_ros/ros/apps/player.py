@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
-from somfusion_ros.io.frame_tree import plain
+from somfusion_ros.io.frame_names import plain
 from somfusion_ros.ros.apps.recording import (align, JOINT_STATES, ODOMETRY, Record, Recording,
                                               SCAN, together, TRANSFORMS)
 from somfusion_ros.ros.common import conversions as convert
