@@ -15,6 +15,7 @@ from somfusion_ros.slam.scan import Scan
 
 FULL_CIRCLE = 2.0 * np.pi
 ROUNDED = 1.5   # beams by which angle_max may miss the last beam: drivers differ by one
+COUNTED = 0.15  # share by which beams may be fewer or more than the increment was made for
 
 
 def scan_from(message: Any, mount: Mount, stamp: float, laser: str = '') -> Scan:
@@ -47,6 +48,12 @@ def angles(start: float, end: float, increment: float, beams: int) -> tuple[floa
     if abs(span) > 1.05 * FULL_CIRCLE or abs(increment - by_end) <= ROUNDED * abs(by_end) / (
             beams - 1):
         return start, increment, ''
-    return start, by_end, (f'angle_min {start:g}, angle_max {end:g} and {beams} ranges are '
-                           f'{by_end:g} rad apart, not angle_increment = {increment:g}: the '
-                           'angles are used')
+    possible = 0.0 < abs(increment) * (beams - 1) <= 1.05 * FULL_CIRCLE
+    if end == 0.0 and possible:
+        return start, increment, ''   # nobody set angle_max
+    told = (f'angle_min {start:g}, angle_max {end:g} and {beams} ranges are {by_end:g} rad apart, '
+            f'not angle_increment = {increment:g}')
+    alike = possible and increment * by_end > 0.0
+    if alike and abs(increment - by_end) > COUNTED * abs(by_end):
+        return start, increment, f'{told}: the increment is used'
+    return start, by_end, f'{told}: the angles are used'

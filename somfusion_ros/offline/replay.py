@@ -98,7 +98,8 @@ def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions
     for name, record in robots.items():
         tell_robot(name, record)
         for note in record['notes']:
-            complain(f'{name}: {note}')
+            if note not in logs[name].notes:
+                complain(f'{name}: {note}')
     fusion = fuse_with_progress({name: run.grid for name, run in runs.items()}, options.fusion,
                                 options.pictures, _views(runs))
     write_map(folder, fusion.global_map)
@@ -167,6 +168,6 @@ def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
         'milliseconds_per_scan': {
             'median': float(np.median(ms)) if len(ms) else 0.0,
             'p99': float(np.percentile(ms, 99)) if len(ms) else 0.0},
-        'notes': list(run.notes),
+        'notes': [*run.log.notes, *run.notes],
         'counters': {name: int(count) for name, count in run.counters.items()},
     }

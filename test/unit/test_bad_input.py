@@ -61,19 +61,37 @@ def test_foreign_file(tmp_path: Path, name: str, content: bytes) -> None:
 def test_foreign_metadata(good: Path, tmp_path: Path, text: str) -> None:
     folder = shutil.copytree(good, tmp_path / 'bag')
     (folder / 'metadata.yaml').write_text(text)
-    assert 'not a readable bag' in bad_bag(folder)
+    log = open_log(folder)
+    assert any(isinstance(record, Scan) for record in log)
+    assert 'metadata.yaml cannot be used' in log.notes[0]
 
 
-@pytest.mark.parametrize('share', [0.0, 0.01, 0.1, 0.5, 0.9, 0.99])
-def test_truncated(good: Path, tmp_path: Path, share: float) -> None:
-    folder = shutil.copytree(good, tmp_path / 'bag')
-    file = storage_of(folder)
-    data = file.read_bytes()
-    file.write_bytes(data[:int(share * len(data))])
-    bad_bag(folder)
+def cut(good: Path, folder: Path, share: float) -> Path:
+    """Copy a bag whose file ends after a share of its bytes."""
+    copy = shutil.copytree(good, folder)
+    data = storage_of(copy).read_bytes()
+    storage_of(copy).write_bytes(data[:int(share * len(data))])
+    return copy
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize('share', [0.0, 0.001, 0.1, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize('metadata', [True, False])
+def test_cut_off_is_read_as_far_as_it_goes_or_names_the_remedy(
+        good: Path, tmp_path: Path, share: float, metadata: bool) -> None:
+    folder = cut(good, tmp_path / 'bag', share)
+    if not metadata:
+        (folder / 'metadata.yaml').unlink()
+    if any(folder.glob('*.db3')) or share < 0.01:
+        said = bad_bag(folder)
+        assert 'may help' in said or 'empty file' in said
+        return
+    log = open_log(folder)
+    read, whole = (sum(isinstance(record, Scan) for record in one) for one in (
+        log, open_log(good)))
+    assert read >= (share - 0.1) * whole
+    assert any('mcap recover may bring more' in note for note in log.notes)
+
+
 def test_damaged_in_the_middle_is_an_error_or_harmless(good: Path, tmp_path: Path) -> None:
     """Whatever bytes are spoilt, no other error than BagError comes out."""
     rng = np.random.default_rng(3)
@@ -189,11 +207,9 @@ def test_commands_name_the_file(tmp_path: Path, capsys: pytest.CaptureFixture) -
     assert not out.exists()
 
 
-def test_a_truncated_bag_beside_a_good_one(good: Path, tmp_path: Path,
-                                           capsys: pytest.CaptureFixture) -> None:
-    folder = shutil.copytree(good, tmp_path / 'bag')
-    data = storage_of(folder).read_bytes()
-    storage_of(folder).write_bytes(data[:len(data) // 2])
+def test_a_bag_that_is_none_beside_a_good_one(good: Path, tmp_path: Path,
+                                              capsys: pytest.CaptureFixture) -> None:
+    folder = cut(good, tmp_path / 'bag', 0.001)
     assert str(folder) in command(capsys, 'replay', good, folder, '--output', tmp_path / 'out')
 
 

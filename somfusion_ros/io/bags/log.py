@@ -93,6 +93,7 @@ class Log:
                     odometry = convert(message, log_time)
                     if odometry is not None and self._usable(odometry):
                         yield odometry
+            self.notes += [note for note in reader.notes if note not in self.notes]
 
     def _usable(self, odometry: Odometry) -> bool:
         """Tell whether odometry is finite, and count it otherwise."""
@@ -127,7 +128,7 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
     with BagReader(path) as reader:
         topics = choose_scan_topics(reader, options)
         odometry = choose_odometry(reader, options)
-        notes = list(reader.notes)
+        notes: list[str] = []
         lasers = {topic: _mount_of(reader, topic, odometry.base_frame, options, notes)
                   for topic in topics}
         if len(topics) > 1 and any('is taken to sit' in note for note in notes):
@@ -135,7 +136,7 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
                                'by --scan-topic, or record where each laser sits on /tf_static')
         return Log(path=reader.path, lasers=lasers, odometry=odometry,
                    scan_count=sum(map(reader.count, topics)), duration=reader.duration,
-                   options=options, notes=notes)
+                   options=options, notes=[*reader.notes, *notes])
 
 
 def robots_in(path: str | Path) -> list[str]:

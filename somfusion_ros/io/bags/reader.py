@@ -2,49 +2,65 @@
 # SPDX-License-Identifier: Apache-2.0
 """One way to open every kind of bag, with one kind of error."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
+from somfusion_ros.io.bags.cut_mcap import CutMcap
+from somfusion_ros.io.bags.files import (BagError, resolve, storage_files, unpacked,
+                                         unpacked_message)
 
-SUFFIXES = ('.mcap', '.db3', '.bag')
-
-
-class BagError(ValueError):
-    """A bag cannot be used; one line that names it and what is wrong."""
+__all__ = ['BagError', 'BagReader']
+REMEDIES = {'.mcap': 'mcap recover', '.db3': 'ros2 bag reindex, or sqlite3 .recover',
+            '.bag': 'rosbag reindex', '': 'ros2 bag reindex'}
 
 
 class BagReader:
-    """A bag, open; a context manager. Every failure inside the bag becomes a BagError."""
+    """
+    A bag, open; a context manager. Every failure inside the bag becomes a BagError.
+
+    Where the metadata cannot be used, the files beside it are read; a file that is cut off or
+    damaged is read as far as it goes. notes: sentences on what was done so.
+    """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = _resolve(Path(path))
-        self._reader: AnyReader | None = None
+        self.path = resolve(Path(path))
         self.notes: list[str] = []
+        self._reader: Any = None
+        self._folder: TemporaryDirectory[str] | None = None
 
     def __enter__(self) -> 'BagReader':
-        try:
-            reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            reader.open()
-        except Exception as error:   # the library raises many kinds on a damaged file
-            raise self.error(f'not a readable bag ({_one_line(error)})') from error
-        self._reader = reader
-        return self
+        ways: list[Callable[[], Any]] = [self._open_folder] * (
+            self.path.is_dir() and (self.path / 'metadata.yaml').exists())
+        errors: list[Exception] = []
+        for way in [*ways, self._open_files, self._open_cut]:
+            try:
+                self._reader = way()
+                if way == self._open_cut:
+                    self._note(f'cut off ({_one_line(errors[-1])}): it is read as far as it goes; '
+                               f'{self._remedy()} may bring more')
+                elif errors:
+                    self._note(f'metadata.yaml cannot be used ({_one_line(errors[0])}): the files '
+                               'beside it are read')
+                return self
+            except Exception as error:   # the library raises many kinds on a damaged file
+                errors.append(error)
+        self.__exit__()
+        raise self.error(f'not a readable bag ({_one_line(errors[0])}); '
+                         f'{self._remedy()} may help') from errors[0]
 
     def __exit__(self, *_: object) -> None:
         try:
-            self._open.close()
+            if self._reader is not None:
+                self._reader.close()
         except Exception:   # a damaged file may fail again while it is closed
             pass
-
-    @property
-    def _open(self) -> AnyReader:
-        """The bag while it is open."""
-        if self._reader is None:
-            raise self.error('is not open')
-        return self._reader
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
 
     def error(self, what: str) -> BagError:
         """Make the error that names this bag."""
@@ -53,31 +69,41 @@ class BagReader:
     @property
     def duration(self) -> float:
         """Recorded time [s]."""
-        return max(self._open.duration, 0) * 1e-9
+        return float(max(self._reader.duration, 0) * 1e-9)
 
     def topics(self, *msgtypes: str) -> list[str]:
         """Names of the topics of these types that hold messages."""
-        return sorted({c.topic for c in self._open.connections
+        return sorted({c.topic for c in self._reader.connections
                        if c.msgtype in msgtypes and c.msgcount != 0})
+
+    def types(self) -> dict[str, str]:
+        """Type of every topic that holds messages."""
+        return {c.topic: c.msgtype for c in self._reader.connections if c.msgcount != 0}
 
     def count(self, topic: str) -> int:
         """Count the messages of a topic."""
-        return sum(c.msgcount for c in self._open.connections if c.topic == topic)
+        return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, float, Any]]:
-        """Yield topic, time of recording [s] and message of these topics."""
-        connections = [c for c in self._open.connections if c.topic in topics]
+        """Yield topic, time of recording [s] and message of these topics, up to any damage."""
+        connections = [c for c in self._reader.connections if c.topic in topics]
         if not connections:
             return
-        source = self._open.messages(connections=connections)
+        source, read = self._reader.messages(connections=connections), 0
         while True:
             try:
                 connection, nanoseconds, raw = next(source)
-                message = self._open.deserialize(raw, connection.msgtype)
+                message = self._reader.deserialize(unpacked_message(raw), connection.msgtype)
             except StopIteration:
                 return
             except Exception as error:   # the library raises many kinds on a damaged file
-                raise self.error(f'damaged or truncated ({_one_line(error)})') from error
+                if not read:
+                    raise self.error(f'damaged or truncated ({_one_line(error)}); '
+                                     f'{self._remedy()} may help') from error
+                self._note(f'read up to where it is damaged or truncated ({_one_line(error)}); '
+                           f'{self._remedy()} may bring more')
+                return
+            read += 1
             yield connection.topic, nanoseconds * 1e-9, message
 
     def first(self, topic: str) -> Any:
@@ -86,26 +112,52 @@ class BagReader:
             return message
         raise self.error(f'topic {topic} holds no messages')
 
+    def _open_folder(self) -> Any:
+        """Open the bag by its metadata; an error where that leads to no message."""
+        reader = _opened([self.path])
+        counted = sum(c.msgcount for c in reader.connections)
+        if not counted or next(reader.messages(connections=reader.connections), None) is None:
+            reader.close()
+            raise ValueError('metadata.yaml leads to no messages')
+        return reader
 
-def _resolve(path: Path) -> Path:
-    """Find the bag that a path means; BagError if there is none."""
-    if not path.exists():
-        raise BagError(f'{path}: no such file or folder')
-    if path.is_file():
-        if path.name == 'metadata.yaml':
-            return path.parent
-        if path.suffix not in SUFFIXES:
-            raise BagError(f'{path}: not a bag (expected a rosbag2 folder, {", ".join(SUFFIXES)})')
-        if path.stat().st_size == 0:
-            raise BagError(f'{path}: empty file')
-        return path
-    for folder in (path, path / 'bag'):
-        if (folder / 'metadata.yaml').exists():
-            return folder
-        files = [f for f in folder.glob('*') if f.suffix in SUFFIXES]
-        if len(files) == 1:   # a recording that was cut off has no metadata
-            return files[0]
-    raise BagError(f'{path}: not a bag (no metadata.yaml and no single bag file in this folder)')
+    def _open_files(self) -> Any:
+        """Open the files with the messages, without metadata."""
+        files = storage_files(self.path) if self.path.is_dir() else [self.path]
+        if not files:
+            raise ValueError('no file with messages')
+        self._folder = self._folder or TemporaryDirectory(prefix='somfusion_')
+        return _opened(unpacked(files, Path(self._folder.name)))
+
+    def _open_cut(self) -> Any:
+        """Open mcap files that have no end."""
+        files = storage_files(self.path) if self.path.is_dir() else [self.path]
+        if not files or not all('.mcap' in file.suffixes for file in files):
+            raise ValueError('no mcap files')
+        self._folder = self._folder or TemporaryDirectory(prefix='somfusion_')
+        reader = CutMcap(unpacked(files, Path(self._folder.name)))
+        if not reader.connections:
+            raise ValueError('no message in it is whole')
+        return reader
+
+    def _remedy(self) -> str:
+        """Name the command that may bring more out of a damaged bag."""
+        files = storage_files(self.path) if self.path.is_dir() else [self.path]
+        suffix = files[0].suffix if files else ''
+        return REMEDIES.get(suffix, REMEDIES[''])
+
+    def _note(self, what: str) -> None:
+        """Keep a sentence, once."""
+        note = f'{self.path}: {what}'
+        if note not in self.notes:
+            self.notes.append(note)
+
+
+def _opened(paths: list[Path]) -> AnyReader:
+    """Open files or a folder with the library."""
+    reader = AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_JAZZY))
+    reader.open()
+    return reader
 
 
 def _one_line(error: Exception) -> str:
