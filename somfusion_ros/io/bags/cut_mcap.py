@@ -15,7 +15,7 @@ import struct
 import sys
 from typing import Any, BinaryIO, NamedTuple
 
-from lz4.frame import LZ4FrameDecompressor
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.typesys import get_typestore, Stores
 
 if sys.version_info >= (3, 14):
