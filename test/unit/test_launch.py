@@ -168,3 +168,13 @@ def test_bags_make_a_team(started: Started) -> None:
     assert started.commands[4][1:9] == ['x/bag', 'y/bag', '--clock', '--rate', '2.0', '--robots',
                                         'robot1', 'robot2']
     assert all(started.parameters(n)['use_sim_time'] is True for n in range(4))
+
+
+@pytest.mark.parametrize(('explore', 'last'), [('false', []), ('true', ['explore_node'])])
+def test_nav2_and_its_manager_stand_in_the_namespace(explore: str, last: list[str],
+                                                     started: Started) -> None:
+    assert launch('navigate.launch.py', namespace='robot1', explore=explore) == 0
+    assert started.names() == [('/robot1', node) for node in (
+        'controller_server', 'planner_server', 'behavior_server', 'bt_navigator',
+        'lifecycle_manager_navigation', *last)]
+    assert all('/tf:=tf' in command for command in started.commands)

@@ -1,0 +1,97 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure what a robot costs: CPU and memory of every node of a live team at real rates.
+
+usage: python -m benchmarks.team.live_cpu [ROBOTS] [SECONDS]     (default: 4 60)
+
+Simulated robots (10 scans/s of 683 beams, odometry 50/s) are played in real time into the nodes
+that team.launch.py starts, over Fast DDS on this machine. CPU is what the kernel counted for one,
+after a while for start-up, in cores; memory is its resident set at the end.
+"""
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import sys
+from tempfile import TemporaryDirectory
+import time
+
+from benchmarks.tables import Table
+import numpy as np
+from somfusion_ros.geometry import Array
+from somfusion_ros.io.bags.reader import BagReader
+from somfusion_ros.ros.apps.processes import node_environment, Processes
+from somfusion_ros.simulation.simulate import simulate, SimulationOptions
+
+NODES = ('slam_node', 'fusion_node')
+COLUMNS = ('robots', 'scans/s', 'odometry/s', 'slam_node [cores]', 'fusion_node [cores]',
+           'slam_node [MB]', 'fusion_node [MB]')
+SETTLED = 15.0   # [s] of start-up and discovery that are not counted
+TICKS = os.sysconf('SC_CLK_TCK')
+
+
+def cpu(pid: int) -> float:
+    """Return the CPU time [s] of a process so far."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def memory(pid: int) -> float:
+    """Return the resident memory [MB] of a process."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def rates(bag: Path) -> tuple[float, float]:
+    """Return scans and odometry messages per second of a bag."""
+    with BagReader(bag) as reader:
+        counts = [sum(reader.count(topic) for topic in reader.topics(kind)) for kind in (
+            'sensor_msgs/msg/LaserScan', 'nav_msgs/msg/Odometry')]
+        return counts[0] / reader.duration, counts[1] / reader.duration
+
+
+def start(processes: Processes, folder: Path, robots: list[str]) -> dict[str, list[int]]:
+    """Start the nodes of all robots and one player; return process ids by node."""
+    pids: dict[str, list[int]] = {node: [] for node in NODES}
+    for robot in robots:
+        for node in NODES:
+            pids[node].append(processes.start(f'{node} {robot}', f'somfusion_ros.ros.{node}', [
+                '--ros-args', '-r', f'__ns:=/{robot}', '-r', '/tf:=tf', '-r',
+                '/tf_static:=tf_static']))
+    processes.start('player', 'somfusion_ros.ros.apps.player', [
+        *(str(folder / robot / 'bag') for robot in robots), '--wait', '60', '--robots', *robots])
+    return pids
+
+
+def measure(folder: Path, robots: list[str], seconds: float) -> Iterator[Array]:
+    """Yield CPU [cores], then memory [MB], of slam_node and fusion_node, mean over the robots."""
+    with Processes(folder / 'logs', node_environment()) as processes:
+        pids = start(processes, folder, robots)
+        time.sleep(SETTLED)
+        before, began = {pid: cpu(pid) for node in NODES for pid in pids[node]}, time.monotonic()
+        while time.monotonic() - began < seconds and 'player' not in processes.ended():
+            time.sleep(0.5)
+        took = time.monotonic() - began
+        yield np.array([np.mean([cpu(pid) - before[pid] for pid in pids[node]]) / took
+                        for node in NODES])
+        yield np.array([np.mean([memory(pid) for pid in pids[node]]) for node in NODES])
+
+
+def live_cpu_table(count: int = 4, seconds: float = 60.0) -> Table:
+    """Measure a team of simulated robots."""
+    table = Table('live-cpu', COLUMNS, (None, 0, 0, 2, 2, 0, 0))
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        simulate(folder, SimulationOptions(robots=count, seed=1, duration=seconds + 30.0))
+        robots = [f'robot{number}' for number in range(1, count + 1)]
+        cores, megabytes = measure(folder, robots, seconds)
+        table.add(count, *rates(folder / 'robot1' / 'bag'), *map(float, cores),
+                  *map(float, megabytes))
+    return table
+
+
+if __name__ == '__main__':
+    given = [float(word) for word in sys.argv[1:]]
+    sys.stdout.write(live_cpu_table(*(int(n) if i == 0 else n for i, n in enumerate(given))
+                                    ).markdown() + '\n')
