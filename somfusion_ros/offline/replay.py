@@ -98,7 +98,7 @@ def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions
     for name, record in robots.items():
         tell_robot(name, record)
         for note in record['notes']:
-            if note not in logs[name].notes:
+            if note not in runs[name].log.notes:
                 complain(f'{name}: {note}')
     fusion = fuse_with_progress({name: run.grid for name, run in runs.items()}, options.fusion,
                                 options.pictures, _views(runs))
