@@ -3,6 +3,7 @@
 """Grey images: PGM in its binary (P5) and its plain (P2) form; others through OpenCV."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,15 +11,41 @@ from numpy.typing import NDArray
 from somfusion_ros.grid import MAX_CELLS
 
 
-def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read a grey image as shades (H, W) 0..255; OSError or ValueError with the reason."""
+def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """
+    Read an image as shades of grey (H, W), 0..255, and the mask (H, W) of what is opaque.
+
+    OSError or ValueError with the reason.
+    """
     data = path.read_bytes()
     if data[:2] in (b'P5', b'P2'):
-        return _parse_pgm(data)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+        shades = _parse_pgm(data)
+        return shades, np.ones(shades.shape, bool)
+    try:
+        image = (cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data
+                 else None)
+    except cv2.error as error:
+        raise ValueError(f'not a readable image ({" ".join(str(error).split())})') from None
     if image is None:
-        raise ValueError('not an image (PGM expected)')
-    return image.astype(np.uint8, copy=False)
+        raise ValueError('not an image (PGM or PNG expected)')
+    if image.shape[0] * image.shape[1] > MAX_CELLS:
+        raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} cells is too large')
+    return _shades(image)
+
+
+def _shades(image: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Shades (H, W) 0..255 and opacity of an image (H, W) or (H, W, channels)."""
+    if image.dtype == np.uint16:
+        image = (image // 257).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise ValueError(f'image of {image.dtype} is no map')
+    opaque = np.ones(image.shape[:2], bool)
+    if image.ndim == 3 and image.shape[2] in (2, 4):
+        opaque, image = image[..., -1] == 255, image[..., :-1]
+    if image.ndim == 3:
+        image = image[..., 0] if image.shape[2] == 1 else cv2.cvtColor(
+            np.ascontiguousarray(image), cv2.COLOR_BGR2GRAY)
+    return image.astype(np.uint8), opaque
 
 
 def write_pgm(path: Path, shades: NDArray[np.uint8]) -> None:

@@ -3,7 +3,7 @@
 """Saved maps as Nav2's map_server reads and writes them: a YAML file beside a PGM image."""
 
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ WALL_SHADE, FREE_SHADE, UNKNOWN_SHADE = 0, 254, 205
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196   # just below the darkness of 205; at 0.25 unknown would be read as free
 MODES = ('trinary', 'scale', 'raw')
+IMAGES = ('.pgm', '.png', '.bmp', '.jpg', '.jpeg', '.gif', '.tif', '.tiff')
 
 
 class MapError(ValueError):
@@ -47,27 +48,64 @@ def read_map(path: str | Path) -> Grid:
     >>> read_map(path).to_occupancy().tolist()
     [[0, 100], [-1, 0]]
     """
-    path = Path(path)
+    path = yaml_of(Path(path))
+    fields = _fields(path)
+    image = image_of(path)
     try:
-        fields = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise MapError(f'{path}: not readable ({_one_line(error)})') from error
-    if not isinstance(fields, dict):
-        raise MapError(f'{path}: not a map_server YAML file (no key: value lines)')
-    image_path = path.parent / str(_field(path, fields, 'image'))
-    try:
-        image = read_image(image_path)
+        shades, opaque = read_image(image)
     except (OSError, ValueError) as error:
-        raise MapError(f'{image_path}: {_one_line(error)}') from error
+        raise MapError(f'{image}: {_one_line(error)}') from error
     try:
         return Grid.from_occupancy(
-            _cells(image, fields)[::-1],   # the first row of an image is its highest y
+            _cells(shades, opaque, fields)[::-1],   # the first row of an image is its highest y
             float(_field(path, fields, 'resolution')),
             tuple(float(v) for v in _field(path, fields, 'origin')))
     except MapError:
         raise
     except (TypeError, ValueError) as error:
         raise MapError(f'{path}: {_one_line(error)}') from error
+
+
+def yaml_of(path: Path) -> Path:
+    """
+    Find the YAML file that a path means: itself, or the one beside an image that names it.
+
+    MapError where an image has none.
+    """
+    if path.suffix.lower() not in IMAGES:
+        return path
+    for candidate in (path.with_suffix('.yaml'), path.with_suffix('.yml'),
+                      *sorted(path.parent.glob('*.yaml'))):
+        if candidate.is_file():
+            try:
+                if image_of(candidate).resolve() == path.resolve():
+                    return candidate
+            except MapError:
+                continue
+    raise MapError(f'{path}: is an image without a map_server YAML file beside it that names it')
+
+
+def image_of(path: Path) -> Path:
+    """
+    Find the image that a YAML file names.
+
+    A path that leads nowhere, as of another computer, falls back to the file beside the YAML.
+    """
+    name = str(_field(path, _fields(path), 'image'))
+    image = path.parent / name
+    beside = path.parent / PureWindowsPath(name).name   # which parts at / as well
+    return beside if not image.exists() and beside.exists() else image
+
+
+def _fields(path: Path) -> dict[str, Any]:
+    """Read a YAML file's fields; MapError where it is none."""
+    try:
+        fields = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise MapError(f'{path}: not readable ({_one_line(error)})') from error
+    if not isinstance(fields, dict):
+        raise MapError(f'{path}: not a map_server YAML file (no key: value lines)')
+    return fields
 
 
 def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
@@ -92,8 +130,13 @@ def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
     return path
 
 
-def _cells(image: NDArray[np.uint8], fields: Mapping[str, Any]) -> NDArray[np.int8]:
-    """Occupancy cells (H, W), -1 or 0..100, of an image (H, W) by the rules of map_server."""
+def _cells(image: NDArray[np.uint8], opaque: NDArray[np.bool_],
+           fields: Mapping[str, Any]) -> NDArray[np.int8]:
+    """
+    Occupancy cells (H, W), -1 or 0..100, of an image (H, W) by the rules of map_server.
+
+    What is not opaque is unknown, whatever its shade: so map_saver writes it in scale mode.
+    """
     mode = str(fields.get('mode', 'trinary')).lower()
     if mode not in MODES:
         raise ValueError(f'mode {mode!r} is none of {", ".join(MODES)}')
@@ -115,7 +158,7 @@ def _cells(image: NDArray[np.uint8], fields: Mapping[str, Any]) -> NDArray[np.in
     if mode == 'trinary' and not negate:
         # Nav2's map_saver writes 205 for unknown beside free_thresh 0.25, which calls it free.
         percent[UNKNOWN_SHADE] = UNKNOWN
-    return percent[image]
+    return np.where(opaque, percent[image], np.int8(UNKNOWN))
 
 
 def _field(path: Path, fields: Mapping[str, Any], key: str) -> Any:

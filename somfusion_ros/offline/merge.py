@@ -11,7 +11,7 @@ from typing import Any
 
 from somfusion_ros import __version__
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.io.maps import MapError, read_map, write_map
+from somfusion_ros.io.maps import image_of, MapError, read_map, write_map, yaml_of
 from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
 from somfusion_ros.offline.fusing import draw, fuse_with_progress
 from somfusion_ros.offline.summary import tell_fusion
@@ -57,7 +57,9 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     started, config = time.perf_counter(), config or FusionConfig()
     if len(paths) < 2:
         raise MapError('merge needs at least two maps')
-    names = map_names([Path(path) for path in paths])
+    paths = [yaml_of(Path(path)) for path in paths]
+    refuse_twice(paths)
+    names = map_names(paths)
     grids = {name: read_map(path) for name, path in zip(names, paths)}
     folder = make_folder(output)
     for name, grid in grids.items():
@@ -73,6 +75,16 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     if pictures:
         draw(folder, fusion)
     return record
+
+
+def refuse_twice(paths: Sequence[Path]) -> None:
+    """Raise MapError where two YAML files name one image: a map fits itself, and says nothing."""
+    seen: dict[Path, Path] = {}
+    for path in paths:
+        image = image_of(path).resolve()
+        if image in seen:
+            raise MapError(f'{seen[image]} and {path} are one map: both name {image.name}')
+        seen[image] = path
 
 
 def map_names(paths: Sequence[Path]) -> list[str]:

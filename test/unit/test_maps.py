@@ -4,7 +4,8 @@
 
 from pathlib import Path
 
-from helpers import cut_grid, fake_grid, fake_room
+import cv2
+from helpers import cut_grid, DATA, fake_grid, fake_room
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Pose
@@ -146,3 +147,58 @@ def test_foreign_yaml(tmp_path: Path, text: str) -> None:
 def test_missing_yaml(tmp_path: Path) -> None:
     with pytest.raises(MapError, match='none.yaml: not readable .No such file'):
         read_map(tmp_path / 'none.yaml')
+
+
+@pytest.mark.parametrize('mode', ['trinary', 'scale'])
+def test_what_is_not_opaque_is_unknown_whatever_its_shade(mode: str, tmp_path: Path) -> None:
+    """map_saver writes unknown cells of scale mode as transparent ones."""
+    shades = np.array([[0, 254, 0], [254, 0, 254]], np.uint8)
+    alpha = np.array([[255, 255, 0], [0, 254, 255]], np.uint8)
+    cv2.imwrite(str(tmp_path / 'map.png'), np.dstack([shades, shades, shades, alpha]))
+    (tmp_path / 'map.yaml').write_text(
+        f'image: map.png\nmode: {mode}\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n'
+        'occupied_thresh: 0.65\nfree_thresh: 0.25\n')
+    assert read_map(tmp_path / 'map.yaml').to_occupancy()[::-1].tolist() == [
+        [100, 0, -1], [-1, -1, 0]]
+
+
+@pytest.mark.parametrize('depth', [np.uint8, np.uint16])
+@pytest.mark.parametrize('channels', [1, 3, 4])
+def test_images_of_every_kind_are_read_alike(depth: type, channels: int, tmp_path: Path) -> None:
+    shades = np.array([[0, 254], [205, 0]], depth) * (257 if depth is np.uint16 else 1)
+    image = np.dstack([shades.astype(depth)] * channels).squeeze()
+    if channels == 4:
+        image[..., 3] = np.iinfo(depth).max
+    cv2.imwrite(str(tmp_path / 'map.png'), image.astype(depth))
+    (tmp_path / 'map.yaml').write_text('image: map.png\nresolution: 0.05\norigin: [0, 0, 0]\n')
+    assert read_map(tmp_path / 'map.yaml').to_occupancy()[::-1].tolist() == [[100, 0], [-1, 100]]
+
+
+def test_the_image_given_for_its_yaml(tmp_path: Path) -> None:
+    path = write_map(tmp_path, fake_grid(fake_room()), 'floor')
+    for image, yaml_name in (('floor.pgm', 'floor.yaml'), ('floor.pgm', 'other_name.yaml')):
+        path = path.rename(tmp_path / yaml_name)
+        assert read_map(tmp_path / image).occupied.sum() == read_map(path).occupied.sum()
+    path.unlink()
+    with pytest.raises(MapError, match='image without a map_server YAML'):
+        read_map(tmp_path / 'floor.pgm')
+
+
+@pytest.mark.parametrize('folder', ['/home/robot/maps/', 'C:\\maps\\', 'maps/'])
+def test_a_path_of_another_computer_falls_back_to_the_file_beside(folder: str,
+                                                                  tmp_path: Path) -> None:
+    path = write_map(tmp_path, fake_grid(fake_room()))
+    path.write_text(path.read_text().replace('image: ', f'image: {folder}'))
+    assert read_map(path).occupied.sum() > 100
+
+
+def test_the_shared_images_with_alpha() -> None:
+    """Both thresholds of map_saver give the same unknown cells, far more than none."""
+    folder = DATA.parent / 'cases' / 'alpha'
+    if not folder.exists():
+        pytest.skip('the shared samples are not on this machine (set SOMFUSION_DATA)')
+    for name in 'ab':
+        found = [read_map(folder / f'{name}_{threshold}.yaml') for threshold in ('0.25', '0.196')]
+        unknown = [(~grid.known).mean() for grid in found]
+        assert unknown[0] == unknown[1] > 0.1
+        assert all(grid.free.any() and grid.occupied.any() for grid in found)

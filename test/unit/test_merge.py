@@ -12,7 +12,7 @@ import pytest
 from somfusion_ros.cli.main import main
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.io.maps import read_map, write_map
+from somfusion_ros.io.maps import MapError, read_map, write_map
 from somfusion_ros.offline.merge import map_names, merge
 from somfusion_ros.report.agreement import AGREE, compare, CONFLICT
 from somfusion_ros.simulation.floor_plan import office
@@ -109,3 +109,12 @@ def test_agreement_of_a_map_with_itself_and_moved() -> None:
     assert (same == AGREE).sum() == grid.known.sum()
     moved = compare(grid, grid, Pose(0.5, 0.4, 0.1))
     assert (moved == CONFLICT).sum() > 0.5 * grid.occupied.sum()
+
+
+def test_two_yamls_that_name_one_image_are_refused(tmp_path: Path) -> None:
+    """A map fits itself with probability 1, which says nothing of two places."""
+    path = write_map(tmp_path, fake_grid(fake_room()), 'floor1')
+    (tmp_path / 'floor2.yaml').write_text(path.read_text())
+    for pair in ([path, tmp_path / 'floor2.yaml'], [path, path], [path, tmp_path / 'floor1.pgm']):
+        with pytest.raises(MapError, match='one map: both name floor1.pgm'):
+            merge(pair, tmp_path / 'out')
