@@ -57,16 +57,16 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     started, config = time.perf_counter(), config or FusionConfig()
     if len(paths) < 2:
         raise MapError('merge needs at least two maps')
-    paths = [yaml_of(Path(path)) for path in paths]
-    refuse_twice(paths)
-    names = map_names(paths)
-    grids = {name: read_map(path) for name, path in zip(names, paths)}
+    files = [yaml_of(Path(path)) for path in paths]
+    refuse_twice(files)
+    names = map_names(files)
+    grids = {name: read_map(path) for name, path in zip(names, files)}
     folder = make_folder(output)
     for name, grid in grids.items():
         write_robot_map(folder / name, grid)
     fusion = fuse_with_progress(grids, config, pictures)
     write_map(folder, fusion.global_map)
-    robots = {name: {'map': str(path)} for name, path in zip(names, paths)}
+    robots = {name: {'map': str(path)} for name, path in zip(names, files)}
     record = {'command': 'merge', 'version': __version__,
               'fusion_config': asdict(config), 'robots': robots, **fusion_record(fusion),
               'map': 'map.yaml', 'seconds': time.perf_counter() - started}

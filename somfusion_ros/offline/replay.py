@@ -84,8 +84,6 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     logs = {f'robot{number}': log
             for number, log in enumerate(open_logs(bags, options), start=1)}
     folder = make_folder(output)
-    for note in (note for log in logs.values() for note in log.notes):
-        complain(note)
     period = period_of([log.duration for log in logs.values()]) if options.bag else None
     runs = run_robots(logs, options.slam, options.jobs, period)
     return save_team(folder, runs, options, started)
@@ -98,8 +96,7 @@ def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions
     for name, record in robots.items():
         tell_robot(name, record)
         for note in record['notes']:
-            if note not in runs[name].log.notes:
-                complain(f'{name}: {note}')
+            complain(f'{name}: {note}')
     fusion = fuse_with_progress({name: run.grid for name, run in runs.items()}, options.fusion,
                                 options.pictures, _views(runs))
     write_map(folder, fusion.global_map)
