@@ -109,7 +109,7 @@ def apply(T_target_source: ArrayLike, points: ArrayLike) -> Array:
 
 
 def place(poses: Array, points: Array) -> NDArray[np.float32]:
-    """Take points (K, 2) of the source into the target by each of poses (B, 3): (2, B, K)."""
+    """Transform points (K, 2) of the source into the target by each of poses (B, 3): (2, B, K)."""
     x, y, theta = np.asarray(poses, dtype=float).T
     c, s = np.cos(theta), np.sin(theta)
     # One matrix product: several times faster than sums and products one by one.

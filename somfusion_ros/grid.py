@@ -110,7 +110,7 @@ class Grid:
         return percent
 
     def to_trinary(self) -> NDArray[np.int8]:
-        """Cells (H, W) as slam_toolbox publishes them: 100 wall, 0 free, -1 neither for sure."""
+        """Return cells (H, W) as slam_toolbox has them: 100 wall, 0 free, -1 neither for sure."""
         cells = np.full(self.shape, UNKNOWN, np.int8)
         cells[self.free] = FREE
         cells[self.occupied] = OCCUPIED

@@ -11,7 +11,7 @@ CLUSTER_FIELDS = ('x', 'y', 'z', 'normal_x', 'normal_y', 'segment', 'weight')
 
 
 def cluster_rows(clusters: Clusters) -> NDArray[np.float32]:
-    """Rows (K, 7) of CLUSTER_FIELDS, one per SOM neuron; normals zero where unknown."""
+    """Return the rows (K, 7) of CLUSTER_FIELDS, one per SOM neuron; normals zero where unknown."""
     normals = clusters.normals * (clusters.straight > LEARNING.oriented)[:, None]
     return np.column_stack([clusters.centres, np.zeros(len(clusters)), normals, clusters.segments,
                             clusters.weights]).astype(np.float32)

@@ -11,18 +11,18 @@ ALIKE = 0.75   # share of letters in which names are spellings of one
 
 
 def plain(frame: str) -> str:
-    """Frame name without the leading slash of old logs."""
+    """Return the frame name without the leading slash of old logs."""
     return frame.strip().lstrip('/')
 
 
 def bare(frame: str, robot: str = '') -> str:
-    """Frame name without the prefix of a robot: robot1/laser, or robot1_laser of robot1."""
+    """Return frame name without the prefix of a robot: robot1/laser, or robot1_laser of robot1."""
     last = plain(frame).rpartition('/')[2]
     return last.removeprefix(f'{robot}_') if robot else last
 
 
 def prefix(frame: str) -> str:
-    """Prefix of a frame name before its last slash; '' without one."""
+    """Return the prefix of a frame name before its last slash; '' without one."""
     return plain(frame).rpartition('/')[0]
 
 
@@ -44,7 +44,7 @@ def is_base(frame: str) -> bool:
 
 def spellings(frame: str, robot: str, known: Iterable[str]) -> list[str]:
     """
-    Names in a tree that may mean a frame, the likeliest first.
+    Return the names in a tree that may mean a frame, the likeliest first.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def spellings(frame: str, robot: str, known: Iterable[str]) -> list[str]:
 
 
 def similar(frame: str, robot: str, known: Iterable[str]) -> list[str]:
-    """Names in a tree that are spelt like a laser's frame, but not of another robot."""
+    """Return the names in a tree that are spelt like a laser's frame, but not of another robot."""
     own, last = {prefix(frame), robot.strip('/'), ''}, bare(frame, robot).lower()
     kind = {word for word in LASERS if word in last}
     return sorted(

@@ -77,7 +77,7 @@ class FrameTree:
         return None
 
     def similar(self, base_frame: str, laser_frame: str, robot: str = '') -> list[str]:
-        """Frames that hang on the base and are spelt like a laser's, where it has no mount."""
+        """Return frames below the base that are spelt like a laser's, where it has no mount."""
         found = similar(laser_frame, robot, self._frames())
         return [name for name in found if self._hangs_on(base_frame, name, robot)]
 
@@ -89,7 +89,7 @@ class FrameTree:
             return True
 
     def _frames(self) -> set[str]:
-        """Names of all frames."""
+        """Return the names of all frames."""
         return {frame for pair in self._transforms for frame in pair}
 
     def _correct(self, parent: str, child: str, T: Array) -> None:
@@ -119,13 +119,13 @@ class FrameTree:
 
 
 def yaw(quaternion: Any) -> float:
-    """Heading [rad] of a geometry_msgs/Quaternion."""
+    """Return the heading [rad] of a geometry_msgs/Quaternion."""
     x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
     return float(np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z))
 
 
 def _matrix(transform: Any) -> Array:
-    """Homogeneous matrix (4, 4) of a geometry_msgs/Transform; NaN where it is no rotation."""
+    """Return the matrix (4, 4) of a geometry_msgs/Transform; NaN where it is no rotation."""
     t, q = transform.translation, transform.rotation
     values = np.array([q.x, q.y, q.z, q.w], dtype=float)
     norm = np.linalg.norm(values)

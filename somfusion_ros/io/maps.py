@@ -169,6 +169,6 @@ def _field(path: Path, fields: Mapping[str, Any], key: str) -> Any:
 
 
 def _one_line(error: Exception) -> str:
-    """Give the reason of an error as one short line."""
+    """Return the reason of an error as one short line."""
     text = getattr(error, 'strerror', None) or ' '.join(str(error).split())
     return text or type(error).__name__

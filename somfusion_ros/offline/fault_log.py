@@ -21,13 +21,13 @@ class FaultLog:
         self._reasons.setdefault(kind, reason)
 
     def notes(self, scans: int) -> list[str]:
-        """Sentences on what was odd in a log of so many scans."""
+        """Return the sentences on what was odd in a log of so many scans."""
         return [f'{kind}: {reason} ({self.counts[kind]} times)'
                 for kind, reason in self._reasons.items() if kind not in USUAL
                 and (self.counts[kind] > FEW * scans or kind not in (
                     'scans_without_odometry', 'scans_before_odometry'))]
 
     def main_cause(self) -> str:
-        """Reason of the most frequent fault; '' where there was none."""
+        """Return the reason of the most frequent fault; '' where there was none."""
         found = [kind for kind, _ in self.counts.most_common() if self._reasons.get(kind)]
         return self._reasons[found[0]] if found else ''

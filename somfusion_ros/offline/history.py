@@ -24,7 +24,7 @@ class History:
     maps: list[tuple[float, Grid, np.ndarray]] = field(default_factory=list)
 
     def add(self, step: Step, slam: Slam) -> None:
-        """Take one step, and the map if it is time to."""
+        """Record one step, and the map if it is time to."""
         if not step.accepted:
             return
         self.steps.append(step)
@@ -32,19 +32,19 @@ class History:
             self.end(slam)
 
     def end(self, slam: Slam) -> None:
-        """Take the map as it is now."""
+        """Record the map as it is now."""
         if self.steps:
             self.maps.append((self.steps[-1].stamp, slam.grid(), slam.views()[1]))
 
     def span(self) -> tuple[float, float]:
-        """First and last stamp [s]."""
+        """Return first and last stamp [s]."""
         return self.steps[0].stamp, self.steps[-1].stamp
 
     def map_at(self, stamp: float) -> Grid | None:
-        """Newest map at a stamp [s]."""
+        """Return the newest map at a stamp [s]."""
         return next((grid for t, grid, _ in reversed(self.maps) if t <= stamp), None)
 
     @staticmethod
     def T_odom_base(step: Step) -> Pose:
-        """Give the odometry that a step was made with."""
+        """Return the odometry that a step was made with."""
         return Pose.from_array(between(step.T_map_odom, step.pose))

@@ -75,7 +75,7 @@ def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
 
 
 def _receive(connection: Any, log: Log) -> tuple[str, Any]:
-    """Take a word from a process; BagError where its log is damaged or the process died."""
+    """Receive a word from a process; BagError where its log is damaged or the process died."""
     try:
         kind, value = connection.recv()
     except EOFError:

@@ -9,7 +9,7 @@ from somfusion_ros.io.console import say
 
 
 def tell_robot(name: str, record: dict[str, Any]) -> None:
-    """Say how one robot's SLAM went."""
+    """Report how one robot's SLAM went."""
     times = record['milliseconds_per_scan']
     say(f'{name}: {record["scans"]} scans, {record["views"]} views, '
         f'{record["distance"]:.1f} m in {record["recorded_seconds"]:.0f} s; '
@@ -19,7 +19,7 @@ def tell_robot(name: str, record: dict[str, Any]) -> None:
 
 
 def tell_fusion(record: dict[str, Any], map_path: str) -> None:
-    """Say which maps were joined, where they lie, and why the others were not."""
+    """Report which maps were joined, where they lie, and why the others were not."""
     for pair in record['pairs']:
         tell_pair(pair)
     for reason in record['dropped']:
@@ -37,7 +37,7 @@ def tell_fusion(record: dict[str, Any], map_path: str) -> None:
 
 
 def tell_pair(pair: dict[str, Any]) -> None:
-    """Say the verdict on a pair, with numbers."""
+    """Report the verdict on a pair, with numbers."""
     verdict = 'accepted' if pair['accepted'] else 'refused'
     say(f'{pair["target"]} <- {pair["source"]}: {verdict}, probability '
         f'{pair["probability"]:.3f}, V {pair["verification_index"]:.1f} %, overlap '

@@ -67,7 +67,7 @@ def follow(route: Array, heading: float, speed: float, duration: float) -> tuple
 def encoders(poses: Array, wheels: Wheels, rng: np.random.Generator,
              slip: float = SLIP) -> Array:
     """
-    Wheel positions (T, 2) left, right [rad] along true poses (T, 3), in whole ticks.
+    Return the wheel positions (T, 2) left, right [rad] along true poses (T, 3), in whole ticks.
 
     Each wheel slips at random: by `slip` [m] after one metre, growing with the root of its
     travel.
@@ -84,7 +84,7 @@ def encoders(poses: Array, wheels: Wheels, rng: np.random.Generator,
 
 
 def at(stamps: Array, poses: Array, when: Array) -> Array:
-    """Poses (N, 3) between poses (T, 3) at times (N,), linear."""
+    """Return the poses (N, 3) between poses (T, 3) at times (N,), linear."""
     heading = np.unwrap(poses[:, 2])
     return np.column_stack([np.interp(when, stamps, poses[:, 0]),
                             np.interp(when, stamps, poses[:, 1]),

@@ -27,32 +27,32 @@ class FloorPlan:
     duration: float = 75.0
 
     def route(self, robot: int) -> Array:
-        """Way points (K, 2) of a robot; with more robots than routes, routes run backwards."""
+        """Return way points (K, 2) of a robot; more robots than routes run them backwards."""
         way = self.routes[robot % len(self.routes)]
         return way if (robot // len(self.routes)) % 2 == 0 else way[::-1]
 
 
 def polygon(corners: ArrayLike) -> Array:
-    """Segments (N, 4) of a closed polygon."""
+    """Return the segments (N, 4) of a closed polygon."""
     points = np.asarray(corners, dtype=float)
     return np.column_stack([points, np.roll(points, -1, 0)])
 
 
 def box(x: float, y: float, width: float, depth: float, turned: float = 0.0) -> Array:
-    """Segments (4, 4) of a box around (x, y) [m], turned [deg]."""
+    """Return the segments (4, 4) of a box around (x, y) [m], turned [deg]."""
     half = 0.5 * np.array([(-width, -depth), (width, -depth), (width, depth), (-width, depth)])
     return polygon(apply(Pose(x, y, float(np.radians(turned))), half))
 
 
 def pillar(x: float, y: float, radius: float) -> Array:
-    """Segments (12, 4) of a round pillar."""
+    """Return the segments (12, 4) of a round pillar."""
     angles = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
     return polygon(np.column_stack([x + radius * np.cos(angles), y + radius * np.sin(angles)]))
 
 
 def wall(start: Sequence[float], end: Sequence[float],
          doors: Sequence[tuple[float, float]] = ()) -> Array:
-    """Segments of a wall along x or y; doors are (middle, width) [m] on that axis."""
+    """Return the segments of a wall along x or y; doors are (middle, width) [m] on that axis."""
     along = 0 if start[1] == end[1] else 1
     edges = [start[along]]
     for middle, width in sorted(doors):
@@ -67,7 +67,7 @@ def wall(start: Sequence[float], end: Sequence[float],
 
 
 def office() -> FloorPlan:
-    """Seven rooms on both sides of a corridor, 17 x 10 m."""
+    """Make seven rooms on both sides of a corridor, 17 x 10 m."""
     parts = [
         polygon([(0, 0), (17, 0), (17, 10), (0, 10)]),
         wall((0, 6), (17, 6), [(2.6, 1.0), (5.4, 1.0), (11.3, 1.1), (14.2, 1.0)]),
@@ -150,7 +150,7 @@ PLANS = {'office': office, 'corridor': corridor, 'symmetric': symmetric, 'loop':
 
 
 def _visits(rooms: Sequence[float], sides: tuple[float, float]) -> list[tuple[float, float]]:
-    """Way points of a corridor drive that looks into rooms at x, on alternating sides."""
+    """Return way points of a corridor drive that looks into rooms at x, on alternating sides."""
     points = []
     for number, x in enumerate(rooms):
         side = sides[number % 2]

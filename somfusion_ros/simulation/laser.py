@@ -76,7 +76,7 @@ class Laser:
     def measure(self, scene: Scene, poses: Array,
                 rng: np.random.Generator) -> NDArray[np.float32]:
         """
-        Ranges (B,) [m] that the laser tells from the base poses (B, 3) at its beams.
+        Return the ranges (B,) [m] that the laser tells from the base poses (B, 3) at its beams.
 
         inf where nothing is within reach (REP-117), 0 where the light was lost.
         """
@@ -93,7 +93,7 @@ class Laser:
         return np.where(lost | (ranges < self.range_min), 0.0, ranges).astype(np.float32)
 
     def _first_met(self, scene: Scene, origins: Array, angles: Array) -> tuple[Array, Array]:
-        """Ranges (B,) [m] and incidence (B,) at what sends each beam back."""
+        """Return the ranges (B,) [m] and incidence (B,) at what sends each beam back."""
         walls = scene.walls[self._within_reach(scene.walls, origins.mean(0))]
         ranges, incidence = raycast(walls, origins, angles)
         if len(scene.glass):

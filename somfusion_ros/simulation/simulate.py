@@ -108,7 +108,7 @@ def simulate(output: str | Path, options: SimulationOptions | None = None) -> di
 
 def drive_robot(plan: FloorPlan, number: int, options: SimulationOptions,
                 rng: np.random.Generator) -> Run:
-    """Let one robot drive its route."""
+    """Drive one robot along its route."""
     route = plan.route(number)
     route = route + rng.uniform(-JITTER, JITTER, route.shape)
     stamps, poses = drive.follow(route, float(rng.uniform(-np.pi, np.pi)),

@@ -39,7 +39,7 @@ class Trial:
     poses: Array
 
     def truth(self, stamps: Array) -> Array:
-        """Give the true poses (k, 3) at times (k,) [s]."""
+        """Return the true poses (k, 3) at times (k,) [s]."""
         return drive.at(self.stamps, self.poses, stamps)
 
 

@@ -88,7 +88,7 @@ class Calibration:
         return float(np.clip(self.turning[0], -TUNING.max_lag, TUNING.max_lag))
 
     def correct(self, step: Array) -> Array:
-        """Odometry increment (3,) without its systematic errors."""
+        """Return the odometry increment (3,) without its systematic errors."""
         travel, (_, scale, veer) = step[0], self.turning
         turn = step[2] * (1.0 + scale) + veer * travel
         stretched = step[:2] * (1.0 + self.travelling[0])
@@ -149,7 +149,7 @@ class Calibration:
 
 def _update(x: Array, P: Array, h: Array, z: float, noise: float, learned: Array) -> None:
     """
-    Kalman update, in place, of constant coefficients x (n,) by one z = h . x + noise.
+    Update constant coefficients x (n,), in place, by one z = h . x + noise (Kalman).
 
     The coefficients that are not learned (0 in learned (n,)) are considered (Schmidt 1966): their
     uncertainty counts, their value stays.

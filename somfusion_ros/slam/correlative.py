@@ -61,7 +61,7 @@ class Peak:
 def search(scan: Cloud, target: LocalMap, centres: ArrayLike, reach: float, turn: float,
            prior: Prior | None = None, with_rival: bool = True, least: float = 0.0) -> Peak:
     """
-    Best pose of a scan within `reach` [m] and `turn` [rad] of a centre (3,), or several (n, 3).
+    Find the best pose of a scan within `reach` [m] and `turn` [rad] of centres (n, 3).
 
     The angular step moves the farthest point by about one fine cell of the field. A prior takes
     poses (n, 3) to factors (n,) of their score in 0..1, nearly constant over a finest node.
@@ -99,7 +99,7 @@ def search(scan: Cloud, target: LocalMap, centres: ArrayLike, reach: float, turn
 
 def _cells(points: Array, poses: Array, margin: int, half: int, shape: tuple[int, int]
            ) -> NDArray[np.intp]:
-    """Cells (A, N) in the padded field, counted row by row, for the window's first corner."""
+    """Return cells (A, N) of the padded field, row by row, for the window's first corner."""
     (x, y), (left, down, theta) = points.T, poses.T[:, :, None]
     c, s = np.cos(theta), np.sin(theta)
     first = margin - half
@@ -111,7 +111,7 @@ def _cells(points: Array, poses: Array, margin: int, half: int, shape: tuple[int
 
 
 def _bounds(fine: Array, blocks: tuple[int, ...]) -> list[Array]:
-    """Maximum over the square of each edge in `blocks`, powers of two, from each cell on."""
+    """Return the maximum over squares with edges `blocks`, powers of two, from each cell on."""
     wide, found, edge = fine, {}, 1
     while edge < max(blocks):
         corners = np.zeros((edge + 1, edge + 1), np.uint8)   # four squares make one twice as wide
@@ -183,7 +183,7 @@ class _Descent:
             self.best, self.place = float(scores[k]), cells[:, k:k + 1]
 
     def _scores(self, field: Array, nodes: Nodes) -> Array:
-        """Mean (M,) of a field over the points, at each node."""
+        """Return the mean (M,) of a field over the points, at each node."""
         offset = nodes[1] * field.shape[1] + nodes[2]
         cells = self._cells.take(nodes[0], 0) + offset[:, None]
         means: Array = field.ravel().take(cells) @ self._weights
@@ -199,7 +199,7 @@ class _Descent:
 
 
 def _split(nodes: Nodes, block: int, smaller: int) -> Nodes:
-    """Nodes (3, M * k) of a smaller edge that make up nodes (3, M)."""
+    """Return the nodes (3, M * k) of a smaller edge that make up nodes (3, M)."""
     offset = np.arange(0, block, smaller)
     inner = np.reshape(np.meshgrid(0, offset, offset, indexing='ij'), (3, 1, -1))
     return (nodes[:, :, None] + inner).reshape(3, -1)

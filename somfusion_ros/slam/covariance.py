@@ -33,21 +33,21 @@ TUNING = CovarianceTuning()
 
 
 def turned(theta: float) -> Array:
-    """Matrix (3, 3) that takes small pose errors into a frame that is turned by theta [rad]."""
+    """Return (3, 3) that takes small pose errors into a frame turned by theta [rad]."""
     T = np.eye(3)
     T[:2, :2] = rotation(-theta)
     return T
 
 
 def along(P: Array, theta: float) -> float:
-    """Sigma [m] along a heading [rad] of a pose with covariance P (3, 3)."""
+    """Return the sigma [m] along a heading [rad] of a pose with covariance P (3, 3)."""
     u = rotation(theta)[:, 0]
     return float(np.sqrt(u @ P[:2, :2] @ u))
 
 
 def sweep_covariance(sweep: float, twist: Array) -> Array:
     """
-    Covariance (3, 3) of what the robot did from the first beam to the mean one of a sweep [s].
+    Return the covariance (3, 3) of the motion from a sweep's [s] first beam to its mean.
 
     The twist (3,) is measured over a longer time, so a share of the motion is unknown; the noise
     of an increment, a random walk, would be most of so short a one.
@@ -86,7 +86,7 @@ class ScaleError:
         self._J = I_K @ self._J
 
     def covariance(self, variance: float) -> Array:
-        """Covariance (3, 3) that a scale of this variance adds since the last view."""
+        """Return what a scale of this variance adds (3, 3) since the last view."""
         added = variance * (np.outer(self._J, self._J) - np.outer(self._known, self._known))
         values, vectors = np.linalg.eigh(added)
         positive: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T

@@ -91,7 +91,7 @@ class DelayedStateEkf:
         return anchors
 
     def _around(self, k: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Anchors (2, m) before and after marginalised views k (m,)."""
+        """Return the anchors (2, m) before and after marginalised views k (m,)."""
         anchors = np.flatnonzero(self._is_anchor(np.arange(self.n)))
         after = np.searchsorted(anchors, k)
         return np.array([anchors[after - 1], anchors[after]])
@@ -112,7 +112,7 @@ class DelayedStateEkf:
             self._x[k] = compose(a, share * between(a, b))
 
     def _anchor(self, k: int) -> int:
-        """View k, or the anchor before it where view k is not in P."""
+        """Return view k, or the anchor before it where view k is not in P."""
         return k if self._slot[k] >= 0 else int(self._around(np.array([k]))[0, 0])
 
     def _anchored(self, constraint: Constraint) -> Constraint:
@@ -154,11 +154,11 @@ class DelayedStateEkf:
             self._P, self._free = P, list(range(room, more))[::-1]
 
     def _rows(self, k: int) -> slice:
-        """Rows of P that belong to view k."""
+        """Return the rows of P that belong to view k."""
         return slice(3 * int(self._slot[k]), 3 * int(self._slot[k]) + 3)
 
     def block(self, i: int, j: int) -> Array:
-        """Covariance (3, 3) between views i and j, which are in P."""
+        """Return the covariance (3, 3) between views i and j, which are in P."""
         if self._slot[i] < self._slot[j]:
             return self.block(j, i).T
         B = self._P[self._rows(i), self._rows(j)].copy()
@@ -167,7 +167,7 @@ class DelayedStateEkf:
         return B
 
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
-        """Pose (3,) of view j seen from view i, and its covariance (3, 3)."""
+        """Return the pose (3,) of view j seen from view i, and its covariance (3, 3)."""
         A, B = between_jacobians(self._x[i], self._x[j])
         a, b = self._anchor(i), self._anchor(j)
         C = A @ self.block(a, b) @ B.T
@@ -202,7 +202,7 @@ class DelayedStateEkf:
         return float(np.hypot(move[:, 0], move[:, 1]).max())
 
     def _column(self, i: int) -> Array:
-        """Columns (3 * room, 3) of P that belong to view i, from the lower triangle."""
+        """Return the columns (3 * room, 3) of P that belong to view i, from the lower triangle."""
         P, s = self._P, self._rows(i)
         column = P[:, s].copy()
         column[:s.start] = P[s, :s.start].T

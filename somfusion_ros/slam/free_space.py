@@ -85,7 +85,7 @@ def _jumps(one: Array, other: Array) -> NDArray[np.bool_]:
 
 def _rim(placed: Array, reach: Array, origin: Array) -> Array:
     """
-    Outline (M, 2) of the space the beams passed.
+    Return the outline (M, 2) of the space the beams passed.
 
     Between two beams on one surface the outline is the surface; where the range jumps, the
     nearer range holds up to the middle, so that no beam frees what it did not pass.

@@ -33,14 +33,14 @@ class Laser:
 
 
 def fault_words(scan: Scan) -> str:
-    """Say what makes a scan with a fault unusable."""
+    """Return what makes a scan with a fault unusable."""
     return (f'{np.size(scan.ranges)} ranges, angle_min {scan.angle_min:g}, angle_increment '
             f'{scan.angle_increment:g}, range_min {scan.range_min:g}, range_max '
             f'{scan.range_max:g}, stamp {scan.stamp:g}')
 
 
 def emptiness(scan: Scan) -> str:
-    """Say why no beam of a scan can be used; '' where one can."""
+    """Return why no beam of a scan can be used; '' where one can."""
     ranges = np.asarray(scan.ranges, dtype=float)
     with np.errstate(invalid='ignore'):
         kinds = {

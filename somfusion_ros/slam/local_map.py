@@ -108,7 +108,7 @@ class LocalMap(Surface):
 
 
 def lift(points: Array) -> object:
-    """Planar points (N, 2) as kiss-icp's vector of 3-D points with z = 0."""
+    """Return the planar points (N, 2) as kiss-icp's vector of 3-D points with z = 0."""
     return kiss_icp_pybind._Vector3dVector(np.column_stack([points, np.zeros(len(points))]))
 
 

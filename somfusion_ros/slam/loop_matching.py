@@ -66,7 +66,7 @@ Around = Callable[[int], LocalMap]   # local map of an old view
 
 
 def local_map(old: int, newest: int, poses: Array, clouds: Sequence[Cloud]) -> LocalMap:
-    """Local map around an old view, in its frame, of views up to `newest`."""
+    """Return the local map around an old view, in its frame, of views up to `newest`."""
     near = range(max(0, old - TUNING.neighbours), min(newest, old + TUNING.neighbours) + 1)
     return LocalMap.of_views([clouds[k] for k in near], list(between(poses[old], poses[near])))
 
@@ -113,7 +113,7 @@ def match(candidate: Candidate, new: int, cloud: Cloud, around: Around, config: 
 
 
 def _within_reach(candidate: Candidate, cloud: Cloud, target: LocalMap) -> float:
-    """Share of the points that lie, as expected, so near the old surface that it draws them."""
+    """Return the share of points that lie, as expected, within reach of the old surface."""
     p = apply(candidate.expected, cloud.points)
     distance, _ = target.tree.query(p, distance_upper_bound=MATCHING.coarse_gate)
     return float(np.isfinite(distance).mean())
@@ -121,7 +121,7 @@ def _within_reach(candidate: Candidate, cloud: Cloud, target: LocalMap) -> float
 
 def agreement_of(found: Match, cloud: Cloud, target: LocalMap) -> float:
     """
-    Share of the judged points that lie on the old surface.
+    Return the share of the judged points that lie on the old surface.
 
     Judged are those that lie on it and those in space that the old views saw to be free; what
     the old views never saw says nothing.
@@ -170,7 +170,7 @@ def _apart(found: Array, poses: Array) -> NDArray[np.bool_]:
 
 def _expected(candidate: Candidate, poses: Array) -> Array:
     """
-    Factor (n,) of the score of poses (n, 3): a little less, the farther from where expected.
+    Return factors (n,) for the scores of poses (n, 3): less, the farther from expected.
 
     Along a corridor all poses fit alike. In a round one the match is then a curve, not a line,
     and a constraint far along it would be wrong by more than its covariance says.

@@ -77,10 +77,10 @@ class Estimate(Protocol):
         """Mask (n,) of the views whose covariance is known."""
 
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
-        """Pose (3,) of view j seen from view i, and its covariance (3, 3)."""
+        """Return the pose (3,) of view j seen from view i, and its covariance (3, 3)."""
 
     def innovation(self, constraint: Constraint) -> tuple[Array, Array]:
-        """Measured minus expected constraint (3,), and its covariance (3, 3)."""
+        """Return measured minus expected constraint (3,), and its covariance (3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,14 +121,14 @@ class Loop:
 
 
 def centre(cloud: Cloud) -> Array:
-    """Median point (2,) [m] of what a view saw, in its base frame."""
+    """Return the median point (2,) [m] of what a view saw, in its base frame."""
     return np.median(cloud.points, axis=0) if len(cloud) else np.zeros(2)
 
 
 def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
                ) -> list[Candidate]:
     """
-    Old views whose surface lies near that of view `new`; at most one per pass.
+    Return the old views whose surface lies near that of view `new`; at most one per pass.
 
     Every view is also tried against the one some views before it: where their surfaces
     overlap, the tie keeps a path that meets no old place from bending.
@@ -160,7 +160,7 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
 
 def _elsewhere(candidate: Candidate, new: int, last: int, ekf: Estimate
                ) -> tuple[Candidate, ...]:
-    """Old views, one at each place before view `last`, where view `new` may lie as well."""
+    """Return old views, one at each place before view `last`, where view `new` may lie as well."""
     poses = ekf.poses
     distance = np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
     reach = TUNING.place + 4.0 * np.hypot(*candidate.sigma[:2])
@@ -177,19 +177,19 @@ def _elsewhere(candidate: Candidate, new: int, last: int, ekf: Estimate
 
 
 def _candidate(old: int, new: int, ekf: Estimate) -> Candidate:
-    """View `old`, with view `new` expected where the filter has it."""
+    """Return the view `old`, with view `new` expected where the filter has it."""
     expected, P = ekf.relative(old, new)
     return Candidate(old, expected, _sigmas(P))
 
 
 def _sigmas(P: Array) -> Array:
-    """Sigmas (3,) of a covariance (3, 3)."""
+    """Return the sigmas (3,) of a covariance (3, 3)."""
     sigmas: Array = np.sqrt(np.maximum(np.diag(P), 0.0))
     return sigmas
 
 
 def _seen(poses: Array, centres: Array) -> Array:
-    """Centres (n, 2) placed by their views' poses (n, 3)."""
+    """Return the centres (n, 2) placed by their views' poses (n, 3)."""
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     seen: Array = poses[:, :2] + np.column_stack([c * centres[:, 0] - s * centres[:, 1],
                                                   s * centres[:, 0] + c * centres[:, 1]])
@@ -204,7 +204,7 @@ class LoopClosure:
         self._pending: list[Loop] = []
 
     def trusted(self, loop: Loop, ekf: Estimate) -> list[Constraint]:
-        """Relations that may now enter the filter: this loop, and those it confirms."""
+        """Return the constraints that may enter the filter: this loop, and those it confirms."""
         y, S = ekf.innovation(loop.constraint)
         possible = squared_mahalanobis(y, S) < TUNING.chi2
         if loop.sure and possible:
@@ -231,7 +231,7 @@ def _far_enough(loops: list[Loop], ekf: Estimate) -> bool:
 
 
 def _travel(first: int, last: int, poses: Array) -> float:
-    """Length [m] of the path through poses (n, 3) from one view to another."""
+    """Return the length [m] of the path through poses (n, 3) from one view to another."""
     return float(np.hypot(*np.diff(poses[first:last + 1, :2], axis=0).T).sum())
 
 

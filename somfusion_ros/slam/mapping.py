@@ -75,7 +75,7 @@ class Mapper:
         return self.grid()
 
     def grid(self) -> Grid:
-        """Map as last rendered; one unknown cell before anything was."""
+        """Return the map as last rendered; one unknown cell before anything was."""
         if not self._cells.size:
             return Grid(np.zeros((1, 1), np.float32), self.resolution)
         x, y = self._corner * self.resolution
@@ -132,7 +132,7 @@ class Mapper:
 
 
 def place(scans: list[MapScan], views: Array) -> Array:
-    """Poses T_map_base (n, 3) of scans that hang on views (m, 3)."""
+    """Return the poses T_map_base (n, 3) of scans that hang on views (m, 3)."""
     if not scans:
         return np.zeros((0, 3))
     return compose(views[[s.view for s in scans]], np.array([s.T_view_base for s in scans]))
@@ -143,6 +143,6 @@ def _bounds(points: Array) -> Array:
 
 
 def _cells_of(points: Array, corner: Array, resolution: float) -> NDArray[np.intp]:
-    """Cells (N, 2) as row, column that hold points (N, 2)."""
+    """Return the cells (N, 2) as row, column that hold points (N, 2)."""
     cells: NDArray[np.intp] = np.floor((points - corner) / resolution).astype(np.intp)
     return cells[:, ::-1]

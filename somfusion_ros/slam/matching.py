@@ -91,7 +91,7 @@ def coarse(scan: Cloud, target: LocalMap, seed: Array) -> Array:
 
 def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None) -> Match:
     """
-    Point-to-line Gauss-Newton from a seed (3,).
+    Refine a seed (3,) by point-to-line Gauss-Newton.
 
     hold is information (3, 3) that keeps the pose at the seed where the surface fixes nothing;
     it is not part of the information returned.

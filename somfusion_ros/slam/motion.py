@@ -34,7 +34,7 @@ class Odometry:
     slip: Array | None = None
 
     def slip_since(self, previous: 'Odometry') -> Array | None:
-        """Slip (3,) since an earlier moment; None where it is not known of both."""
+        """Return the slip (3,) since an earlier moment; None where it is not known of both."""
         if self.slip is None or previous.slip is None or self.slip[2] < previous.slip[2]:
             return None
         return self.slip - previous.slip
@@ -108,7 +108,7 @@ class OdometryBuffer:
 
     def at(self, stamp: float, sweep: float = 0.0) -> Odometry | None:
         """
-        Odometry at a stamp [s] plus lag; None where the samples do not cover it and the sweep [s].
+        Return the odometry at a stamp [s] plus lag; None unless samples cover it and the sweep.
 
         The twist is the mean over the sweep that begins there, or about the stamp without one.
         The pose is the nearest sample, moved along the mean twist around it. A log's stamps can be
@@ -131,7 +131,7 @@ class OdometryBuffer:
                         None if growth is None or slip is None else slip + growth * ahead)
 
     def extrapolated(self, stamp: float) -> Odometry | None:
-        """Odometry a little after the newest sample, by its twist; None where it is too far."""
+        """Return odometry a little after the newest sample, by its twist; None if too far."""
         last = (None if self.latest is None else self.at(self.latest - max(self.lag, 0.0)))
         if last is None or not 0.0 <= stamp - last.stamp <= REACH:
             return None
@@ -148,7 +148,7 @@ class OdometryBuffer:
         return bool(self._stamps) and stamp < self._stamps[0]
 
     def _rates(self, near: int, ahead: float) -> tuple[Array, Array | None]:
-        """Mean twist (3,) and growth of slip (3,) from sample `near` to `ahead` [s] of it."""
+        """Return mean twist (3,) and growth of slip (3,) from sample `near` to `ahead` [s]."""
         target, last = self._stamps[near] + ahead, near
         while last == 0 or self._stamps[last] < target:
             last += 1
@@ -194,7 +194,7 @@ class WheelOdometry:
 
 
 def swept(twist: Array, time: float) -> Array:
-    """Pose (3,) after a time [s] at constant twist (3,): the chord of an arc."""
+    """Return the pose (3,) after a time [s] at constant twist (3,): the chord of an arc."""
     vx, vy, rate = twist.tolist()
     half = 0.5 * rate * time
     c, s, chord = cos(half), sin(half), time * _chord(half)
@@ -202,7 +202,7 @@ def swept(twist: Array, time: float) -> Array:
 
 
 def mean_twist(step: Array, time: float) -> Array:
-    """Constant twist (3,) that sweeps a step (3,) in a time [s]."""
+    """Return the constant twist (3,) that sweeps a step (3,) in a time [s]."""
     x, y, theta = step.tolist()
     half = 0.5 * float(wrap(theta))
     c, s, chord = cos(half), sin(half), time * _chord(half)
@@ -210,20 +210,20 @@ def mean_twist(step: Array, time: float) -> Array:
 
 
 def arc(travel: float, turn: float) -> Array:
-    """Pose (3,) after driving `travel` [m] on a circle while turning by `turn` [rad]."""
+    """Return pose (3,) after driving `travel` [m] on a circle while turning by `turn` [rad]."""
     half = 0.5 * turn
     chord = travel * _chord(half)
     return np.array((chord * cos(half), chord * sin(half), turn))
 
 
 def _chord(half: float) -> float:
-    """Length of a chord over that of its arc, for half the angle [rad]."""
+    """Return the length of a chord over that of its arc, for half the angle [rad]."""
     return sin(half) / half if half else 1.0
 
 
 def increment_covariance(step: Array, noise: MotionNoise, slip: Array | None = None) -> Array:
     """
-    Covariance (3, 3) of an odometry increment.
+    Return the covariance (3, 3) of an odometry increment.
 
     It grows with travel and turn, or, where both wheels are known, by the slip (3,) that they
     had meanwhile. A turn that is wrong shows in part across the travel.

@@ -93,7 +93,7 @@ class NoReturns:
 
     def _reach(self, scan: Scan, ranges: Array, hit: NDArray[np.bool_],
                missing: NDArray[np.bool_]) -> Array:
-        """Range (B,) [m] up to which each beam that is missing frees space."""
+        """Return the range (B,) [m] up to which each beam that is missing frees space."""
         before, after = _neighbours(hit)
         bounded = (before >= 0) & (after >= 0)
         returns = np.where(hit, ranges, 0.0)
@@ -135,7 +135,7 @@ class NoReturns:
         self._bins = counts
 
     def _farthest(self) -> float:
-        """Range [m] that enough returns came from."""
+        """Return the range [m] that enough returns came from."""
         beyond = self._bins[::-1].cumsum()
         enough = np.flatnonzero(beyond >= TUNING.farthest)
         return (len(self._bins) - float(enough[0])) * TUNING.bin_width if len(enough) else 0.0
@@ -174,7 +174,7 @@ def _lone(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _neighbours(hit: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Index (B,) of the nearest beam with a return before and after each beam; -1 where none."""
+    """Return the nearest beams (B,) with a return before and after each beam; -1 if none."""
     beams = np.arange(len(hit))
     before = np.maximum.accumulate(np.where(hit, beams, -1))
     after = np.minimum.accumulate(np.where(hit, beams, len(hit))[::-1])[::-1]

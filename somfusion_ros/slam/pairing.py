@@ -74,11 +74,11 @@ class Pairing:
         self._lasers: dict[str, Laser] = {}
 
     def add_odometry(self, stamp: float, pose: Array, slip: Array | None = None) -> None:
-        """Take T_odom_base (3,) at a stamp [s]."""
+        """Add T_odom_base (3,) at a stamp [s]."""
         self._add_odometry(self._odometry_stamps.add(stamp, (pose, slip)))
 
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
-        """Take a scan; now [s] is any steady time."""
+        """Add a scan; now [s] is any steady time."""
         if scan.laser not in self._lasers and len(self._lasers) < MOST_LASERS:
             self._lasers[scan.laser] = Laser(self._count)
         if scan.laser in self._lasers:
@@ -124,7 +124,7 @@ class Pairing:
         self._place()
 
     def _add_scans(self, judged: Judgement, last: float) -> None:
-        """Let the scans whose stamps are good wait for their odometry."""
+        """Queue the scans whose stamps are good until their odometry comes."""
         self._count_stray('scan', judged.stray, last)
         if judged.leap:
             self._count_leap('scan', judged)
@@ -138,7 +138,7 @@ class Pairing:
         self._wait(self._clock.place(self.odometry.covers, self._odometry_stamps.period))
 
     def _wait(self, scans: list[Arrived]) -> None:
-        """Let scans wait for their odometry."""
+        """Queue scans until their odometry comes."""
         for stamp, _, (scan, tag, arrived) in scans:
             stamp += self._clock.shift
             self._queue.add(stamp, (replace(scan, stamp=stamp), tag), arrived, scan.sweep,

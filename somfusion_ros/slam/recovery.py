@@ -81,7 +81,7 @@ def attempts(scan: Cloud, target: LocalMap, first: Match, expected: Sequence[Arr
 
 def _searched(scan: Cloud, target: LocalMap, expected: Sequence[Array], window: Array,
               plausible: Prior) -> Array:
-    """Best pose (3,) around the expected ones."""
+    """Return the best pose (3,) around the expected ones."""
     centres: list[Array] = []
     for pose in expected:
         if all(not near(pose, other, TUNING.apart) for other in centres):
@@ -93,7 +93,7 @@ def _searched(scan: Cloud, target: LocalMap, expected: Sequence[Array], window: 
 
 def plausibility(poses: Array, expected: Sequence[Array], window: Array) -> Array:
     """
-    Factor (n,) in 0..1 for poses (n, 3): how well they continue one of the expected poses.
+    Return factor (n,) in 0..1 for poses (n, 3): how well they continue one of the expected poses.
 
     A wheeled robot's odometry that stalls is wrong along the travel and in heading, hardly
     across. The factor is bounded below, so that a clear match can still overrule it, but it is 0

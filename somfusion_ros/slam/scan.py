@@ -113,7 +113,7 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
 
 @lru_cache(maxsize=8)
 def _directions(angle_min: float, angle_increment: float, beams: int) -> Array:
-    """Give unit vectors (B, 2) along the beams in the laser frame, the same for every scan."""
+    """Return unit vectors (B, 2) along the beams in the laser frame, the same for every scan."""
     angles = angle_min + angle_increment * np.arange(beams)
     return np.column_stack([np.cos(angles), np.sin(angles)])
 
@@ -153,7 +153,7 @@ def _thin(points: Array, joined: NDArray[np.bool_]) -> tuple[Array, NDArray[np.b
 
 
 def _spacing(points: Array, joined: NDArray[np.bool_]) -> float:
-    """Median distance [m] of neighbouring points (N, 2) on one surface."""
+    """Return the median distance [m] of neighbouring points (N, 2) on one surface."""
     step = np.diff(points, axis=0)[joined]
     return float(np.median(np.hypot(step[:, 0], step[:, 1]))) if len(step) else SPACING
 

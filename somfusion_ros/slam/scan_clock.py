@@ -83,7 +83,7 @@ class ScanClock:
         self._undecided = []
 
     def add(self, scan: Arrived) -> None:
-        """Take a scan that arrived; `place` returns it once it is known where it belongs."""
+        """Add a scan that arrived; `place` returns it once it is known where it belongs."""
         self._undecided.append(scan)
         if self._first is not None and np.isfinite(scan.newest_odometry):
             self._first.append(scan)

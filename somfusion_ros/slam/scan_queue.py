@@ -88,7 +88,7 @@ class ScanQueue:
                 return
 
     def clear(self) -> None:
-        """Let no scan wait any more, after a jump in time."""
+        """Drop all waiting scans, after a jump in time."""
         self._waiting.clear()
         self._newest.clear()
 

@@ -85,12 +85,12 @@ class Session:
             self.slam.configure(config)
 
     def add_odometry(self, stamp: float, pose: Array, slip: Array | None = None) -> None:
-        """Take T_odom_base (3,) at a stamp [s]."""
+        """Add T_odom_base (3,) at a stamp [s]."""
         with self._lock:
             self._pairing.add_odometry(stamp, pose, slip)
 
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
-        """Take a scan; the tag comes back with its step. now [s] is any steady time."""
+        """Add a scan; the tag comes back with its step. now [s] is any steady time."""
         with self._lock:
             self._pairing.add_scan(scan, tag, now)
 

@@ -97,12 +97,12 @@ class SingleMap:
             return list(self.graph.scans), self.graph.ekf.poses.copy()
 
     def views(self) -> tuple[Array, Array]:
-        """Stamps (n,) and poses T_map_base (n, 3) of the views, as corrected by all loops."""
+        """Return stamps (n,) and poses T_map_base (n, 3) of the views, corrected by all loops."""
         with self.lock:
             return np.array(self.graph.stamps), self.graph.ekf.poses.copy()
 
     def trajectory(self) -> tuple[Array, Array]:
-        """Stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
+        """Return the stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
         with self.lock:
             if not self.graph.track:
                 return np.zeros(0), np.zeros((0, 3))

@@ -115,17 +115,17 @@ class Slam:
         return self._map.work()
 
     def grid(self) -> Grid:
-        """Map at the poses held now; slow after a loop, so not for the scan path."""
+        """Return the map at the poses held now; slow after a loop, so not for the scan path."""
         scans, poses = self._map.drawn()
         with self._map_lock:
             return self._mapper.render(scans, poses)
 
     def views(self) -> tuple[Array, Array]:
-        """Stamps (n,) and poses T_map_base (n, 3) of the views, as corrected by all loops."""
+        """Return stamps (n,) and poses T_map_base (n, 3) of the views, corrected by all loops."""
         return self._map.views()
 
     def trajectory(self) -> tuple[Array, Array]:
-        """Stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
+        """Return the stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
         return self._map.trajectory()
 
     def checkpoint(self) -> Checkpoint:

@@ -45,14 +45,14 @@ class Problem:
         self.loop[np.unique(self.j, return_index=True)[1]] = False
 
     def residuals(self, x: Array) -> tuple[Array, Array]:
-        """Residuals (m, 3) z - h(x) and robust weights (m,)."""
+        """Return z - h(x) (m, 3) and robust weights (m,)."""
         e = self.z - _between(x[self.i], x[self.j])
         e[:, 2] = wrap(e[:, 2])
         chi2 = np.einsum('ma,mab,mb->m', e, self.Omega, e)
         return e, np.where(self.loop, 1.0 / (1.0 + chi2 / TUNING.robust ** 2), 1.0)
 
     def normal_equations(self, x: Array) -> tuple[csc_matrix, Array]:
-        """Information matrix (3 n, 3 n) and gradient (3 n,), view 0 held fixed."""
+        """Return the information matrix (3 n, 3 n) and gradient (3 n,), view 0 held fixed."""
         e, w = self.residuals(x)
         A, B = _jacobians(x[self.i], x[self.j])
         weighted = self.Omega * w[:, None, None]
@@ -87,7 +87,7 @@ def solve(poses: Array, constraints: Sequence[Constraint], iterations: int = 8) 
 
 
 def covariance(poses: Array, constraints: Sequence[Constraint]) -> Array:
-    """Covariance (3 n, 3 n) of solved view poses; only its lower triangle is valid."""
+    """Return P (3 n, 3 n) of solved view poses; only its lower triangle is valid."""
     H, _ = Problem(constraints).normal_equations(np.asarray(poses, dtype=float))
     factor, info = dpotrf(H.toarray(order='F'), lower=1, overwrite_a=1)
     if info:
@@ -97,14 +97,14 @@ def covariance(poses: Array, constraints: Sequence[Constraint]) -> Array:
 
 
 def _between(a: Array, b: Array) -> Array:
-    """Row by row pose (m, 3) of b in a, without wrapping the angle."""
+    """Return the poses (m, 3) of b in a, row by row, without wrapping the angle."""
     c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
     d = b - a
     return np.column_stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], d[:, 2]])
 
 
 def _jacobians(a: Array, b: Array) -> tuple[Array, Array]:
-    """Row by row Jacobians (m, 3, 3) of `_between` in a and in b."""
+    """Return the Jacobians (m, 3, 3) of `_between` in a and in b, row by row."""
     c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
     d = b - a
     B = np.zeros((len(a), 3, 3))

@@ -112,11 +112,11 @@ class StampStream:
         return Judgement(good, stray, leap)
 
     def _go_on(self, stamp: float) -> None:
-        """Take a good stamp as the newest."""
+        """Record a good stamp as the newest."""
         if self._last is not None and stamp > self._last:
             self._steps.append(stamp - self._last)
         self._last = stamp
 
     def _longest_step(self) -> float:
-        """Longest step [s] ahead that is nothing special."""
+        """Return the longest step [s] ahead that is nothing special."""
         return max(TUNING.leap, TUNING.periods * self.period) if self.period else TUNING.longest

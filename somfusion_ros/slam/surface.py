@@ -40,5 +40,5 @@ class Surface:
 
 
 def _complex(vectors: Array) -> NDArray[np.complex128]:
-    """Vectors (N, 2) as complex numbers (N,)."""
+    """Return the vectors (N, 2) as complex numbers (N,)."""
     return np.ascontiguousarray(vectors, dtype=float).view(complex)[:, 0]

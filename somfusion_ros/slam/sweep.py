@@ -58,7 +58,7 @@ class Sweep:
 
 
 def _mended(told: float, beams: int, period: float, turn: float) -> tuple[float, str]:
-    """Most likely time_increment [s] for one that cannot be, and how; turn: share of a circle."""
+    """Return the likeliest time_increment [s] for an absurd one; turn: share of a circle."""
     if told * beams <= TUNING.slow * period:
         return turn * period / beams, 'the mirror is taken to turn once a scan'
     for factor, how in ((1.0 / (beams - 1), 'it is taken for the time of the whole scan'),

@@ -229,12 +229,12 @@ class Tracker:
             between(odometry.pose, self.odometry.pose)))]
 
     def _disagreement(self, match: Match, expected: Array | None = None) -> float:
-        """Squared Mahalanobis distance between a match and the prediction, or another pose."""
+        """Return the squared Mahalanobis distance of a match to the prediction or a pose."""
         y = difference(match.T_map_scan, self.T_view_base if expected is None else expected)
         return squared_mahalanobis(y, self.P + match.covariance)
 
     def _correct(self, match: Match, R: Array) -> None:
-        """Kalman update of the current pose; a slip shows as disagreement and widens P first."""
+        """Update the current pose (Kalman); a slip shows as disagreement and widens P first."""
         P = self.P * max(1.0, self._disagreement(match) / 9.0) + 1e-9 * np.eye(3)
         K = P @ np.linalg.inv(P + R)
         x = self.T_view_base + K @ difference(match.T_map_scan, self.T_view_base)

@@ -64,7 +64,7 @@ class Bond:
 
 def weakest_direction(matches: Sequence[InterMatch], source: Array, floor: Array) -> float:
     """
-    Sigma [m] of the direction in which matches fix two robots least against one another.
+    Return sigma [m] of the direction in which matches fix two robots least against one another.
 
     source (n, 3): the poses of the source's views in the world; floor (3, 3): covariance of every
     match besides its own. Infinite without a match.

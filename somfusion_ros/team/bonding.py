@@ -104,7 +104,7 @@ class _Pair:
         return target, source
 
     def _agreement(self, poses: Mapping[str, Array]) -> float:
-        """Share of the walls that agree at some poses, from the views alone."""
+        """Return the share of the walls that agree at some poses, from the views alone."""
         views = {name: replace(one, between=()) for name, one in self._views.items()}
         maps = (draw_joint(views, poses, self._settings.bond.resolution, (name,))
                 for name in self._names)

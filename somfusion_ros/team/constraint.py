@@ -72,7 +72,7 @@ class Dropped:
 
 
 def turned(constraint: MapConstraint) -> MapConstraint:
-    """Say the same of the other map: T_source_target with its covariance."""
+    """Return the same as seen from the other map: T_source_target with its covariance."""
     P, T = constraint.covariance, Pose.from_array(inverse(constraint.T_target_source))
     c, s = np.cos(constraint.T_target_source.theta), np.sin(constraint.T_target_source.theta)
     J = np.array([[-c, -s, T.y], [s, -c, -T.x], [0.0, 0.0, -1.0]])

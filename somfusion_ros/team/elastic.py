@@ -93,6 +93,6 @@ def _best_rigid(poses: Array, wanted: Array) -> Array:
 
 
 def _ends(poses: Array) -> Array:
-    """Points (2 n, 2) one metre ahead of each pose and behind it."""
+    """Return points (2 n, 2) one metre ahead of each pose and behind it."""
     ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
     return np.concatenate([poses[:, :2] + ahead, poses[:, :2] - ahead])

@@ -114,7 +114,7 @@ def _known_part(grid: Grid) -> Grid | None:
 
 
 def _bounds(grid: Grid, T_world_map: Pose, resolution: float) -> tuple[Array, Array]:
-    """First and one-past-last world cell (column, row) that a map reaches."""
+    """Return first and one-past-last world cell (column, row) that a map reaches."""
     height, width = np.array(grid.shape) * grid.resolution
     corners = np.array([(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)])
     cells = apply(compose(T_world_map, grid.T_frame_grid), corners) / resolution

@@ -39,7 +39,7 @@ class Solution:
     dropped: tuple[Dropped, ...] = ()
 
     def group_of(self, robot: str) -> dict[str, Pose]:
-        """T_world_map by robot of the group that holds a robot."""
+        """Return T_world_map by robot of the group that holds a robot."""
         return next((group for group in self.groups if robot in group), {robot: Pose()})
 
 
@@ -130,7 +130,7 @@ def _check(names: list[str], constraints: Sequence[MapConstraint]) -> None:
 
 
 def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDArray[np.intp]:
-    """Node numbers (E, 2) of constraints."""
+    """Return the node numbers (E, 2) of constraints."""
     number = {name: k for k, name in enumerate(names)}
     return np.array([(number[c.target], number[c.source]) for c in constraints],
                     dtype=np.intp).reshape(-1, 2)
@@ -160,7 +160,7 @@ def _consistent(members: list[str],
 
 def _information(constraints: list[MapConstraint]) -> Array:
     """
-    Information (E, 3, 3) of constraints; those of one kind between the same two maps count as one.
+    Return information (E, 3, 3) of constraints; equal kinds of the same pair count as one.
 
     Both robots of a pair match the same walls, and sightings hang on the same poses: their errors
     are the same, so they are averaged as in covariance intersection with equal weights.
@@ -178,7 +178,7 @@ def _contradicts(graph: PoseGraph, estimate: Estimate) -> bool:
 
 
 def _gate(graph: PoseGraph) -> float:
-    """Chi-square that the cycles of a graph may sum up to."""
+    """Return the chi-square that the cycles of a graph may sum up to."""
     freedom = 3 * (len(graph.pairs) - graph.nodes + 1)
     return float(chdtri(freedom, 1.0 - TUNING.contradiction)) if freedom else np.inf
 

@@ -96,7 +96,7 @@ class Heard:
             self.trail.append(here)
 
     def pose_at(self, stamp: float) -> TimedPose | None:
-        """T_map_base at a stamp [s], between two poses or the nearest; None where none is near."""
+        """Return T_map_base at a stamp [s], between poses or the nearest; None if none is near."""
         poses = list(self.poses)   # in one step: another thread adds to them
         after = [item for item in poses if item.stamp >= stamp]
         before = [item for item in poses if item.stamp <= stamp]
@@ -114,7 +114,7 @@ class Heard:
 
 
 def _interpolate(last: TimedPose, first: TimedPose, stamp: float) -> TimedPose:
-    """Pose between two poses, by time."""
+    """Return the pose between two poses, by time."""
     span = first.stamp - last.stamp
     share = (stamp - last.stamp) / span if span > 0 else 0.0
     step = share * between(last.pose, first.pose)
@@ -124,7 +124,7 @@ def _interpolate(last: TimedPose, first: TimedPose, stamp: float) -> TimedPose:
 def from_sighting(own: TimedPose, T_base_peer: Pose, covariance: Array,
                   peer: TimedPose) -> tuple[Pose, Array]:
     """
-    T_own_peer of two map frames and its covariance (3, 3).
+    Return T_own_peer of two map frames and its covariance (3, 3).
 
     From a sighting of the peer in the robot's own base frame, with its covariance, and the poses
     of both robots in their own maps.

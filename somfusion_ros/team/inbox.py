@@ -144,7 +144,7 @@ class Inbox:
         return None
 
     def _take_plain(self, robot: str, content: PlainMap) -> MapCells | None:
-        """Take a whole map, as SLAM publishes it; return its cells where it changed anything."""
+        """Accept a whole map, as SLAM publishes it; return its cells where it changed anything."""
         if robot == self.name and self._path is not None:
             places = self._path
         else:
@@ -158,7 +158,7 @@ class Inbox:
         return cells if self._session.take_map(robot, shared, self._clock()) else None
 
     def _take_stream(self, robot: str, message: bytes) -> MapCells | None:
-        """Take a part of the stream of a map; return its cells where it changed anything."""
+        """Accept a part of the stream of a map; return its cells where it changed anything."""
         if epoch_of(message) != self._session.epoch_of(robot):
             raise NotYet
         decoder = self._decoders.setdefault(robot, MapDecoder(self._max_cells))
@@ -169,7 +169,7 @@ class Inbox:
         return cells if changed else None
 
     def _take_state(self, robot: str, text: str) -> None:
-        """Take what a peer accepts, unless something newer came before it."""
+        """Accept what a peer accepted, unless something newer came before it."""
         state = decode_state(text)
         if not self.heard[robot].begin(state.session, self._clock()):
             raise ValueError(f'two robots are called {robot}; neither is listened to')
@@ -180,7 +180,7 @@ class Inbox:
             self._session.take_state(robot, state.constraints, state.departed)
 
     def _take_clusters(self, robot: str, content: TimedClusters) -> None:
-        """Take the clusters of a peer's present map."""
+        """Accept the clusters of a peer's present map."""
         if robot not in self._since:
             raise NotYet
         if content.stamp >= self._since[robot]:
@@ -193,7 +193,7 @@ class Inbox:
 
 
 def _shared(cells: MapCells) -> SharedMap:
-    """Map of cells; ValueError where they show nothing."""
+    """Return the map of cells; ValueError where they show nothing."""
     shared = SharedMap.from_cells(cells)
     if not shared.grid.known.any():
         raise ValueError('grid is all unknown')

@@ -103,7 +103,7 @@ def spread(target: Placed, source: Placed, every: int, most: int, settings: Matc
 
 
 def nearest(target: Placed, source: Placed, new: int, settings: MatchingSettings) -> list[int]:
-    """Target views whose surface lies nearest to that of source view `new`."""
+    """Return the target views whose surface lies nearest to that of source view `new`."""
     centre = apply(source.poses[new], source.views.centres[new][None])
     distance = np.hypot(*(target.seen - centre).T)
     distance += 0.5 * np.hypot(*(target.poses[:, :2] - source.poses[new, :2]).T)

@@ -75,7 +75,7 @@ class JointSolution:
     chi2: Array
 
     def T_world_map(self, robot: str, own: Array) -> Pose:
-        """Where a robot's map lies such that its last view, at its own poses (n, 3), is right."""
+        """Return where a robot's map lies so that its last view, at poses (n, 3), is right."""
         last = min(len(own), len(self.poses[robot])) - 1
         return Pose.from_array(compose(self.poses[robot][last], inverse(own[last])))
 
@@ -174,13 +174,13 @@ class _Problem:
         return x
 
     def chi2(self, x: Array) -> Array:
-        """Squared Mahalanobis distances (m,) at poses (n, 3)."""
+        """Return the squared Mahalanobis distances (m,) at poses (n, 3)."""
         e = self._residuals(x)
         distances: Array = np.einsum('ma,mab,mb->m', e, self._Omega, e)
         return distances
 
     def _residuals(self, x: Array) -> Array:
-        """Measured minus expected (m, 3)."""
+        """Return measured minus expected (m, 3)."""
         a, b = x[self._i], x[self._j]
         c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
         d = b - a
@@ -190,7 +190,7 @@ class _Problem:
         return e
 
     def _step(self, x: Array, width: float) -> Array:
-        """One step (n, 3) of Gauss-Newton with the robust weights at x."""
+        """Return one step (n, 3) of Gauss-Newton with the robust weights at x."""
         e = self._residuals(x)
         chi2 = np.einsum('ma,mab,mb->m', e, self._Omega, e)
         scale = np.where(self._match, width, self._settings.kernel) ** 2
@@ -222,7 +222,7 @@ def _sparse(blocks: list[tuple[Array, Array, Array]], nodes: int) -> csc_matrix:
 
 
 def _jacobians(a: Array, b: Array) -> tuple[Array, Array]:
-    """Jacobians (m, 3, 3) of the pose of b in a, in a and in b, row by row."""
+    """Return the Jacobians (m, 3, 3) of the pose of b in a, in a and in b, row by row."""
     c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
     d = b - a
     B = np.zeros((len(a), 3, 3))

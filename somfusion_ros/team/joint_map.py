@@ -58,7 +58,7 @@ class JointMap:
 
 
 def _placed(views: ViewSet, poses: Array) -> tuple[list[float], list[Array], list[Cloud]]:
-    """Stamps of views and of scans between them, their poses (3,) in the world, what they saw."""
+    """Return stamps, poses (3,) in the world and outlines of views and scans between them."""
     stamps, placed = views.stamps[:len(poses)].tolist(), list(poses)
     clouds = list(views.clouds[:len(poses)])
     for scan in views.between:

@@ -27,7 +27,7 @@ TUNING = LatticeTuning()
 
 
 def corner_in(key: MapCells, cells: MapCells) -> tuple[int, int] | None:
-    """Row and column of the key's corner in a newer map; None where the lattices differ."""
+    """Return row and column of the key's corner in a newer map; None where the lattices differ."""
     if key.resolution != cells.resolution or key.T_frame_grid.theta != cells.T_frame_grid.theta:
         return None
     at = compose(inverse(cells.T_frame_grid), key.T_frame_grid)[:2] / cells.resolution
@@ -39,7 +39,7 @@ def corner_in(key: MapCells, cells: MapCells) -> tuple[int, int] | None:
 
 def laid_into(values: NDArray[np.int8], shape: tuple[int, int],
               corner: tuple[int, int]) -> NDArray[np.int8]:
-    """Cells laid into an unknown map of another shape, with their corner at (row, column)."""
+    """Lay cells into an unknown map of another shape, with their corner at (row, column)."""
     result = np.full(shape, UNKNOWN, np.int8)
     here, there = zip(*(_overlap(first, count, size) for first, count, size in
                         zip(corner, values.shape, shape)), strict=True)
@@ -48,7 +48,7 @@ def laid_into(values: NDArray[np.int8], shape: tuple[int, int],
 
 
 def _overlap(first: int, count: int, size: int) -> tuple[slice, slice]:
-    """Slices of the cells that a row of `count` shares with one of `size`, in both."""
+    """Return the slices of the cells that a row of `count` shares with one of `size`, in both."""
     low, high = max(first, 0), max(min(first + count, size), 0)
     low = min(low, high)
     return slice(low, high), slice(low - first, high - first)

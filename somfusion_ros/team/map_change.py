@@ -29,7 +29,7 @@ TUNING = ChangeTuning()
 
 
 def change(old: Grid, new: Grid) -> float:
-    """Share of the walls of either map that the other one does not have, 0..1."""
+    """Return the share of the walls of either map that the other one does not have, 0..1."""
     if old is new or (old.shape == new.shape and old.T_frame_grid == new.T_frame_grid
                       and np.array_equal(old.evidence, new.evidence)):
         return 0.0
@@ -37,7 +37,7 @@ def change(old: Grid, new: Grid) -> float:
 
 
 def missing_walls(grid: Grid, other: Grid) -> float:
-    """Share of the walls of a map that the other one does not have, 0..1."""
+    """Return the share of the walls of a map that the other one does not have, 0..1."""
     points = grid.points(grid.occupied)
     return 1.0 - float(_on_wall(points, other).mean()) if len(points) else 0.0
 

@@ -125,7 +125,7 @@ def _epoch(field: bytes) -> Epoch:
 
 
 def _difference(cells: MapCells, epoch: Epoch, key: MapCells, corner: tuple[int, int]) -> bytes:
-    """Message of what differs from the key, whose corner lies at (row, column) of the map."""
+    """Encode what differs from the key, whose corner lies at (row, column) of the map."""
     differs = cells.values ^ laid_into(key.values, cells.values.shape, corner)
     rows, columns = np.flatnonzero(differs.any(1)), np.flatnonzero(differs.any(0))
     box = ((0, 0, 0, 0) if not len(rows) else
@@ -148,7 +148,7 @@ def _changed(key: MapCells, header: Header, message: bytes) -> MapCells:
 
 
 def _key(cells: MapCells, epoch: Epoch) -> bytes:
-    """Message of a whole map."""
+    """Return the message of a whole map."""
     header = _header(KEY, epoch, cells, _digest(cells, epoch), (0, 0),
                      (0, 0, *cells.values.shape))
     return header + zlib.compress(cells.values.tobytes(), LEVEL)
@@ -156,13 +156,13 @@ def _key(cells: MapCells, epoch: Epoch) -> bytes:
 
 def _header(kind: bytes, epoch: Epoch, cells: MapCells, key: bytes, corner: tuple[int, int],
             box: tuple[int, int, int, int]) -> bytes:
-    """Header of a message about a map."""
+    """Return the header of a message about a map."""
     return HEADER.pack(kind, str(epoch).encode(), key, _digest(cells, epoch),
                        *cells.values.shape, cells.resolution, *cells.T_frame_grid, *corner, *box)
 
 
 def _digest(cells: MapCells, epoch: Epoch) -> bytes:
-    """Eight bytes that no other map has, and not this one in another epoch."""
+    """Return eight bytes that no other map has, and not this one in another epoch."""
     geometry = struct.pack('<2I4d42s', *cells.values.shape, cells.resolution, *cells.T_frame_grid,
                            str(epoch).encode())
     return blake2b(np.ascontiguousarray(cells.values).data, digest_size=8, person=b'map',

@@ -120,7 +120,7 @@ class Team:
         return True
 
     def peers(self) -> list[str]:
-        """Robots whose map can be matched with the robot's own, the least tried first."""
+        """Return robots whose map can be matched with the robot's own, the least tried first."""
         if self.name not in self.maps:
             return []
         known = set(self._known_now()) if self.name in self._known_now() else set()
@@ -132,7 +132,7 @@ class Team:
         return self._pair(peer).due(*self.grids_of(peer), now, self.minimum_change)
 
     def grids_of(self, peer: str) -> tuple[Grid, Grid]:
-        """Target and source of a pair: the map of the first name is the target, on every robot."""
+        """Return target and source of a pair: on every robot, the first name is the target."""
         first, second = sorted((self.name, peer))
         return self.maps[first].grid, self.maps[second].grid
 
@@ -184,7 +184,7 @@ class Team:
         return constraints
 
     def own_transforms(self) -> dict[str, Pose]:
-        """T_own_peer of the pairs that the robot itself accepted, a match before a sighting."""
+        """Return T_own_peer of the pairs that this robot accepted, a match before a sighting."""
         return {c.source if c.target == self.name else c.target:
                 c.T_target_source if c.target == self.name
                 else Pose.from_array(inverse(c.T_target_source))
@@ -206,7 +206,7 @@ class Team:
         return self._solved
 
     def lapsed(self) -> list[str]:
-        """Robots whose known pose was given for a map that they no longer have."""
+        """Return the robots whose known pose was given for a map that they no longer have."""
         return [robot for robot, epoch in self._known_of.items()
                 if self.epochs.get(robot, epoch) != epoch]
 
@@ -232,7 +232,7 @@ class Team:
         return replace(constraint, author=self.name, epochs=(first, second))
 
     def _known_now(self) -> dict[str, Pose]:
-        """Poses that the user gave for the maps that the robots have now."""
+        """Return the poses that the user gave for the maps that the robots have now."""
         return {robot: pose for robot, pose in self._known.items()
                 if robot in self.epochs and self._known_of.get(robot) == self.epochs[robot]}
 

@@ -135,7 +135,7 @@ def _align(grids: Mapping[str, Grid], target: str, source: str, config: FusionCo
 
 def _whole_index(grids: Mapping[str, Grid], world: Mapping[str, Pose],
                  config: FusionConfig | None, cache: FusionCache) -> float | None:
-    """V [%] (12) of all pairs in the world, each weighed by the area in which they overlap."""
+    """Return V [%] (12) of all pairs in the world, each weighed by the area of overlap."""
     total = area = 0.0
     for a, b in combinations(sorted(world), 2):
         maps = [learn(grids[name], config, cache) for name in (a, b)]

@@ -124,7 +124,7 @@ class PairHistory:
         return self._challenge(alignment, source)
 
     def _hold(self, alignment: Alignment, word: str) -> str:
-        """Let a verdict hold from now on."""
+        """Make a verdict the one that holds."""
         self.held, self._rivals = alignment, []
         self._refusals = self._near_refusals = 0
         return word
@@ -174,7 +174,7 @@ class PairHistory:
 
 
 def _pose_of(alignment: Alignment) -> Pose:
-    """Pose of an alignment that has one: every accepted one does."""
+    """Return the pose of an alignment that has one: every accepted one does."""
     if alignment.T_target_source is None:
         raise ValueError(f'an alignment without a pose cannot hold: {alignment.reason}')
     return alignment.T_target_source

@@ -62,7 +62,7 @@ class Estimate(NamedTuple):
 
 
 def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
-    """Nodes that constraints connect to a start node, in rising order."""
+    """Return the nodes that constraints connect to a start node, in rising order."""
     a, b = pairs.reshape(-1, 2).T
     links = coo_array((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
     labels = connected_components(links, directed=False)[1]
@@ -86,7 +86,7 @@ def optimise(graph: PoseGraph) -> Estimate:
 
 def leave_one_out(graph: PoseGraph, estimate: Estimate) -> Array:
     """
-    Chi-square (E,) that the others sum up to without each constraint, to first order.
+    Return the chi-square (E,) that the others sum up to without each constraint, to first order.
 
     What a constraint's residual is in the scale of its own noise, less what the solution owes to
     it, is removed. inf where the graph would fall apart: such a constraint has no residual.
@@ -130,7 +130,7 @@ def _linearise(graph: PoseGraph, poses: Array) -> tuple[Array, Array, Array]:
 
 
 def _residuals(graph: PoseGraph, poses: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Residuals (E, 3), their Jacobians (E, 3, 6), and the places (E, 6) of these in H."""
+    """Return residuals (E, 3), their Jacobians (E, 3, 6), and the places (E, 6) of these in H."""
     a, b = graph.pairs.T
     residual = between(poses[a], poses[b]) - graph.measured
     residual[:, 2] = wrap(residual[:, 2])

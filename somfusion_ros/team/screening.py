@@ -61,7 +61,7 @@ class Screening:
 
 
 def outline(learned: LearnedMap, budget: int = BUDGET) -> Clusters:
-    """Clusters that stand for a map: all, or an even choice where they are more than a budget."""
+    """Return clusters that stand for a map: all, or an even choice of a budget."""
     clusters = learned.clusters
     if len(clusters) <= budget:
         return clusters

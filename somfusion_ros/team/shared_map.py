@@ -99,7 +99,7 @@ def mark_driven(cells: MapCells, path: Iterable[Iterable[float]]) -> MapCells:
 
 
 def _dense(points: Array, step: float) -> Array:
-    """Points (M, 2) along a path (N, 2), at most a step [m] apart; leaps stay empty."""
+    """Return points (M, 2) along a path (N, 2), at most a step [m] apart; leaps stay empty."""
     gaps = np.diff(points, axis=0)
     length = np.hypot(*gaps.T)
     count = np.where(length <= TUNING.leap, np.ceil(length / step), 1.0).astype(int)

@@ -49,10 +49,10 @@ class Snapshot:
     begun: Mapping[str, int] = field(default_factory=dict)
 
     def world(self, robot: str) -> dict[str, Pose]:
-        """T_world_map by robot of the connected team; of the robot alone while it is alone."""
+        """Return T_world_map by robot of the connected team; of itself while it is alone."""
         return anchored(self.solution.group_of(robot), self.anchor)
 
     def connected(self, robot: str) -> list[str]:
-        """Robots of the connected team; none while the robot is alone."""
+        """Return the robots of the connected team; none while the robot is alone."""
         group = self.solution.group_of(robot)
         return sorted(group) if len(group) > 1 else []

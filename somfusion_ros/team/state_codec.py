@@ -117,7 +117,7 @@ def _constraint(item: dict[str, Any]) -> MapConstraint:
 
 
 def _covariance(upper: Any) -> Array:
-    """Covariance (3, 3) of its upper triangle."""
+    """Return the covariance (3, 3) of its upper triangle."""
     P = np.zeros((3, 3))
     P[UPPER] = _numbers(upper, 6)
     return sane_covariance(P + np.triu(P, 1).T)

@@ -64,7 +64,7 @@ class Spine:
                 step.z, step.R, self._end_z[view], self._end_R[view])
 
     def hang(self, view: int) -> tuple[int, Array, Array]:
-        """Node that is better known from a view, the view's pose (3,) in it, covariance (3, 3)."""
+        """Return the node best known from a view, the view's pose (3,) in it, its covariance."""
         if np.trace(self._R[view]) <= np.trace(self._end_R[view]):
             return int(self._before[view]), self._z[view], self._R[view]
         z, R = self._end_z[view], self._end_R[view]
@@ -72,7 +72,7 @@ class Spine:
 
     def follow(self, poses: Array) -> Array:
         """
-        Poses (n, 3) of all views where the nodes lie at poses (m, 3).
+        Return the poses (n, 3) of all views where the nodes lie at poses (m, 3).
 
         What the solution moved one node against the next is shared among the views between, as
         their covariance grows.
@@ -91,7 +91,7 @@ def _then(z: Array, R: Array, step: Array, Q: Array) -> tuple[Array, Array]:
 
 
 def _inverted(z: Array, R: Array) -> Array:
-    """Covariance (3, 3) of the inverse of a pose (3,) with covariance (3, 3)."""
+    """Return the covariance (3, 3) of the inverse of a pose (3,) with covariance (3, 3)."""
     c, s = np.cos(z[2]), np.sin(z[2])
     x, y = -(c * z[0] + s * z[1]), -(-s * z[0] + c * z[1])
     J = -np.array(((c, s, -y), (-s, c, x), (0.0, 0.0, 1.0)))

@@ -133,7 +133,7 @@ def decode_scan(data: bytes) -> MapScan:
 
 
 def believed(upper: Array) -> Array:
-    """Covariance (3, 3), no less than believed, of its triangle (6,); ValueError if absurd."""
+    """Return a covariance (3, 3), floored, of its triangle (6,); ValueError if absurd."""
     R = np.zeros((3, 3))
     R[UPPER] = upper
     R = R + R.T - np.diag(np.diag(R))

@@ -39,7 +39,7 @@ RULES = ViewVerdictSettings()
 
 
 def log_odds(bond: Bond) -> float:
-    """Logarithm of how much likelier a right pose would give a bond's answers than a wrong one."""
+    """Return the log odds that a right pose, not a wrong one, would give a bond's answers."""
     yes, no = bond.confirmation.confirmed, bond.confirmation.asked - bond.confirmation.confirmed
     per_yes = np.log(RULES.true_share / RULES.false_share)
     per_no = np.log((1.0 - RULES.true_share) / (1.0 - RULES.false_share))
@@ -79,6 +79,6 @@ def judge_views(alignment: Alignment, bond: Bond, rival: Bond | None, confidence
 
 
 def _logit(probability: float) -> float:
-    """Logarithm of odds, kept finite."""
+    """Return the logarithm of odds, kept finite."""
     p = float(np.clip(probability, 1e-9, 1.0 - 1e-9))
     return float(np.log(p / (1.0 - p)))

@@ -24,7 +24,7 @@ FEWEST = 20      # wall cells that say anything
 
 def wall_agreement(first: Grid, second: Grid) -> float:
     """
-    Share of the walls of either map that lie near a wall of the other, the worse of both ways.
+    Return the share of walls that lie near the other map's walls, the worse direction.
 
     Only wall cells count that lie on cells which the other map knows; NaN where there are few.
     """
@@ -32,7 +32,7 @@ def wall_agreement(first: Grid, second: Grid) -> float:
 
 
 def _one_way(grid: Grid, other: Grid) -> float:
-    """Share of the wall cells of a map, on known cells of the other, near the other's walls."""
+    """Return the share of wall cells on the other's known cells that lie near its walls."""
     walls = grid.points(grid.occupied)
     walls = walls[_known(walls, other)]
     theirs = other.points(other.occupied)

@@ -52,17 +52,17 @@ GOOD_STATE = encode_state(TeamState('abc', (MapConstraint('a', 'b', Pose(1, 2, 3
 
 
 def number(rng: np.random.Generator) -> float:
-    """Give a float, more often absurd than not."""
+    """Return a float, more often absurd than not."""
     return float(rng.choice(FLOATS)) if rng.random() < 0.7 else float(rng.normal())
 
 
 def small(rng: np.random.Generator) -> float:
-    """Give a float that fits into 32 bits."""
+    """Return a float that fits into 32 bits."""
     return float(np.clip(number(rng), -3e38, 3e38)) if rng.random() < 0.9 else float('nan')
 
 
 def some_bytes(rng: np.random.Generator, most: int = 400) -> bytes:
-    """Give a few bytes."""
+    """Return a few bytes."""
     return rng.integers(0, 256, rng.integers(0, most), dtype=np.uint8).tobytes()
 
 

@@ -31,7 +31,7 @@ CONFIGS = [SlamConfig, SlamNodeConfig, TeamConfig, FusionConfig, FusionNodeConfi
 
 @pytest.fixture
 def context(ros_domain: int) -> Iterator[rclpy.Context]:
-    """Give a ROS context that ends with the test."""
+    """Return a ROS context that ends with the test."""
     context = rclpy.Context()
     rclpy.init(context=context)
     yield context

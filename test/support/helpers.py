@@ -20,7 +20,7 @@ DATA = Path(os.environ.get('SOMFUSION_DATA', ROOT.parent / 'shared')) / 'data'
 
 
 def need_data(*parts: str) -> Path:
-    """Give the path of shared test data, or skip the calling test with a reason."""
+    """Return the path of shared test data, or skip the calling test with a reason."""
     path = DATA.joinpath(*parts)
     if not path.exists():
         pytest.skip(f'{"/".join(parts)} is not on this machine (set SOMFUSION_DATA)')

@@ -44,7 +44,7 @@ class HostileRobot(Node):
         publisher.publish(make())
 
     def _noise(self, most: int = 2000) -> bytes:
-        """Give a few bytes."""
+        """Return a few bytes."""
         return self._rng.integers(0, 256, self._rng.integers(1, most), dtype=np.uint8).tobytes()
 
     def _state(self) -> String:

@@ -116,7 +116,7 @@ class Robot:
         self._scan.publish(message)
 
     def true_pose(self, i: int) -> Array:
-        """Give the true pose in the robot's map frame, tied to the truth where the drive began."""
+        """Return the true pose in the robot's map frame, which lies where the drive began."""
         first = convert.pose_from_message(self.poses[0].pose.pose)
         return compose(first, between(self.truth[0], self.truth[i]))
 

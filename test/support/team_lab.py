@@ -141,7 +141,7 @@ class Lab:
         return self._folder / f'{name}.log'
 
     def ask(self, robot: str, **command: Any) -> dict[str, Any]:
-        """Give a robot's client a command; return what it heard so far."""
+        """Return a robot's client a command; return what it heard so far."""
         client = self._clients[robot]
         client.stdin.write(json.dumps(command) + '\n')
         client.stdin.flush()
@@ -156,11 +156,11 @@ class Lab:
         self.ask(robot, map=str(path), stamp=stamp)
 
     def status(self, robot: str, peer: str = '') -> dict[str, str]:
-        """Give the newest diagnostics of a robot's fusion node, or of what it says of a peer."""
+        """Return the newest diagnostics of a robot's fusion node, or of what it says of a peer."""
         return self.ask(robot)['status'].get(peer, {})
 
     def global_map(self, robot: str) -> MapCells | None:
-        """Give a robot's newest global map."""
+        """Return a robot's newest global map."""
         path = self._folder / f'{robot}_global.npz'
         path.unlink(missing_ok=True)
         self.ask(robot, global_map=str(path))
@@ -235,7 +235,7 @@ class Lab:
                 assert fault not in words, f'{robot}: {words[-3000:]}'
 
     def words(self) -> str:
-        """Give the last words of every process."""
+        """Return the last words of every process."""
         return '\n'.join(f'--- {path.name}\n{path.read_text()[-1500:]}'
                          for path in sorted(self._folder.glob('*.log')))
 

@@ -43,7 +43,7 @@ def do(folder: Path, *command: str) -> str:
 
 
 def modules() -> set[str]:
-    """Give the path of every module of the package."""
+    """Return the path of every module of the package."""
     return {str(path.relative_to(ROOT)) for path in (ROOT / 'somfusion_ros').rglob('*.py')}
 
 

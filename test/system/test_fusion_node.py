@@ -49,7 +49,7 @@ METRES, RADIANS = 0.1, np.radians(1.0)
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
-    """Give a graph that ends with the test."""
+    """Return a graph that ends with the test."""
     with ros_graph(tmp_path) as made:
         yield made
 
@@ -142,7 +142,7 @@ def test_two_robots_find_their_pose_and_share_one_map(graph: Graph) -> None:
 
 @pytest.fixture
 def wifi_graph(tmp_path: Path) -> Iterator[Graph]:
-    """Give a graph whose nodes use the profile for wireless networks."""
+    """Return a graph whose nodes use the profile for wireless networks."""
     profile = str(ROOT / 'config' / 'fastdds_wifi.xml')
     with ros_graph(tmp_path, FASTRTPS_DEFAULT_PROFILES_FILE=profile,
                    FASTDDS_DEFAULT_PROFILES_FILE=profile) as made:

@@ -35,7 +35,7 @@ SLAM = '/robot1/slam_node'
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
-    """Give a graph that ends with the test."""
+    """Return a graph that ends with the test."""
     with ros_graph(tmp_path) as made:
         yield made
 

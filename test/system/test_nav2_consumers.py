@@ -35,7 +35,7 @@ PATIENCE = 0.3   # [s] that explore_lite and Nav2's behaviours wait for a transf
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
-    """Give a graph that ends with the test."""
+    """Return a graph that ends with the test."""
     with ros_graph(tmp_path) as made:
         yield made
 

@@ -31,14 +31,14 @@ PROFILE = ROOT / 'config' / 'fastdds_wifi.xml'
 
 @pytest.fixture(scope='module')
 def network() -> Iterator[Network]:
-    """Give a network of four hosts."""
+    """Return a network of four hosts."""
     with Network(len(TEAM)) as made:
         yield made
 
 
 @pytest.fixture(scope='module')
 def team(network: Network, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
-    """Give a team that has found together on a perfect network."""
+    """Return a team that has found together on a perfect network."""
     environment = on_network(ros_environment(7), PROFILE)
     with Lab(tmp_path_factory.mktemp('team'), environment) as made:
         for number, (robot, host) in enumerate(zip(TEAM, network.hosts), start=1):
@@ -50,7 +50,7 @@ def team(network: Network, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture
 def lab(team: Lab, network: Network) -> Iterator[Lab]:
-    """Give the team, and a perfect network back after each test."""
+    """Return the team, and a perfect network back after each test."""
     yield team
     network.heal()
 

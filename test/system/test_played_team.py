@@ -28,7 +28,7 @@ OWN_TREE = ('-r', '/tf:=tf', '-r', '/tf_static:=tf_static')
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
-    """Give a graph that ends with the test."""
+    """Return a graph that ends with the test."""
     with ros_graph(tmp_path) as made:
         yield made
 

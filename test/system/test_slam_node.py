@@ -45,7 +45,7 @@ pytestmark = pytest.mark.system
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
-    """Give a graph that ends with the test."""
+    """Return a graph that ends with the test."""
     with ros_graph(tmp_path) as made:
         yield made
 

@@ -26,7 +26,7 @@ SIZE = 4    # of the team whose parts of the building the robots show
 
 @pytest.fixture(scope='module')
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
-    """Give a team of three that has found together."""
+    """Return a team of three that has found together."""
     with Lab(tmp_path_factory.mktemp('team')) as made:
         for number, robot in enumerate(TEAM, start=1):
             made.add(robot, map_of(number, SIZE, 0.8))

@@ -30,7 +30,7 @@ METRES, RADIANS = 0.15, np.radians(2.0)
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
-    """Give a graph that ends with the test."""
+    """Return a graph that ends with the test."""
     with ros_graph(tmp_path) as made:
         yield made
 
@@ -47,7 +47,7 @@ def publish_mount(graph: Graph, topic: str, *frames: str) -> Any:
 
 
 def newest(messages: list[TFMessage], parent: str, child: str) -> Any:
-    """Give the transform between two frames that was heard last; None before one was."""
+    """Return the transform between two frames that was heard last; None before one was."""
     return next((t for m in reversed(messages) for t in m.transforms
                  if (t.header.frame_id, t.child_frame_id) == (parent, child)), None)
 

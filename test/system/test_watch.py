@@ -113,7 +113,7 @@ def published(ros_domain: int) -> Iterator[None]:
 
 
 def command(*options: str) -> list[str]:
-    """Give the command line of watch."""
+    """Return the command line of watch."""
     return [sys.executable, '-m', 'somfusion_ros.cli.main', 'watch', *options]
 
 

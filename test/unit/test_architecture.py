@@ -30,13 +30,13 @@ ROS_NAMES = {
 
 
 def name_of(path: Path) -> str:
-    """Give the dotted name of a file below the package, without the package's own."""
+    """Return the dotted name of a file below the package, without the package's own."""
     parts = path.relative_to(PACKAGE).with_suffix('').parts
     return '.'.join(p for p in parts if p != '__init__')
 
 
 def room_of(module: str) -> str:
-    """Give the first part of a dotted name: a package or a module of the ground floor."""
+    """Return the first part of a dotted name: a package or a module of the ground floor."""
     return module.split('.')[0]
 
 
@@ -48,7 +48,7 @@ def tree_of(path: Path) -> ast.Module:
 
 @cache
 def imports_of(path: Path) -> frozenset[str]:
-    """Give the dotted names that a file imports at run time, anywhere in it."""
+    """Return the dotted names that a file imports at run time, anywhere in it."""
     skipped = {id(n) for block in ast.walk(tree_of(path)) if isinstance(block, ast.If)
                and 'TYPE_CHECKING' in ast.unparse(block.test) for n in ast.walk(block)}
     found = set()
@@ -64,7 +64,7 @@ def imports_of(path: Path) -> frozenset[str]:
 
 
 def own_imports(path: Path) -> set[str]:
-    """Give the names of this package's modules that a file imports."""
+    """Return the names of this package's modules that a file imports."""
     modules = {name_of(f) for f in FILES} - {''}
     inner = {n.removeprefix('somfusion_ros.') for n in imports_of(path)
              if n.startswith('somfusion_ros.')}
@@ -73,7 +73,7 @@ def own_imports(path: Path) -> set[str]:
 
 
 def functions_of(path: Path) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
-    """Give every function and method of a file."""
+    """Return every function and method of a file."""
     return [n for n in ast.walk(tree_of(path))
             if isinstance(n, (ast.FunctionDef, ast.AsyncFunctionDef))]
 

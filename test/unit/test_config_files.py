@@ -22,12 +22,12 @@ NODES = {'slam.yaml': (SlamConfig, SlamNodeConfig),
 
 
 def declared(file_name: str) -> dict[str, Any]:
-    """Give name and default of every parameter that the node of a file takes."""
+    """Return name and default of every parameter that the node of a file takes."""
     return {f.name: f.default for c in NODES[file_name] for f in fields(c)}
 
 
 def written(path: Path) -> dict[str, Any]:
-    """Give name and value of every parameter in a file."""
+    """Return name and value of every parameter in a file."""
     blocks = yaml.safe_load(path.read_text(encoding='utf-8'))
     assert len(blocks) == 1
     (block,) = blocks.values()

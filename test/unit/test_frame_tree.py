@@ -15,7 +15,7 @@ LEVEL, DOWN = (0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)
 
 def transform(parent: str, child: str, x: float = 0.0, y: float = 0.0, yaw: float = 0.0,
               rotation: tuple[float, ...] | None = None) -> Any:
-    """Give as much of a TransformStamped as is read."""
+    """Return as much of a TransformStamped as is read."""
     q = rotation or (0.0, 0.0, float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw)))
     return SimpleNamespace(
         header=SimpleNamespace(frame_id=parent), child_frame_id=child,

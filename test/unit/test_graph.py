@@ -17,7 +17,7 @@ EXACT = np.eye(3) * 1e-6
 
 
 def team(count: int, rng: np.random.Generator) -> dict[str, Pose]:
-    """Give true map frames of robots a, b, c ... in a common frame."""
+    """Return true map frames of robots a, b, c ... in a common frame."""
     return {name: Pose(*rng.uniform(-10, 10, 2), rng.uniform(-np.pi, np.pi))
             for name in 'abcdefgh'[:count]}
 

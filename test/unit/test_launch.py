@@ -39,7 +39,7 @@ class Started:
         self.commands: list[list[str]] = []
 
     def names(self) -> list[tuple[str, str]]:
-        """Give namespace and name of every node."""
+        """Return namespace and name of every node."""
         return [tuple(next((part.partition(':=')[2] for part in command
                             if part.startswith(f'{word}:=')), '') for word in ('__ns', '__node'))
                 for command in self.commands]

@@ -38,7 +38,7 @@ def verdict(pose: Pose | None, probability: float = 0.97, rival: float = 0.1) ->
 
 
 def told(pair: PairHistory, *verdicts: Alignment) -> list[str]:
-    """Give a pair verdicts and return what it made of them."""
+    """Return a pair verdicts and return what it made of them."""
     return [pair.record(v, ROOM, ROOM, 0.0) for v in verdicts]
 
 

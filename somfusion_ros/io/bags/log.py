@@ -176,7 +176,7 @@ def _in_order(records: Iterator[Scan | Odometry]) -> Iterator[Scan | Odometry]:
 
 
 def _place_of(record: Scan | Odometry, window: deque[Scan | Odometry]) -> int | None:
-    """Index in the window of the hole that a late record fills; None where it is not late."""
+    """Return the index of the hole that a late record fills; None where it is not late."""
     same = [i for i, other in enumerate(window) if type(other) is type(record)]
     if not same or not record.stamp < window[same[-1]].stamp:
         return None

@@ -161,6 +161,6 @@ def _opened(paths: list[Path]) -> AnyReader:
 
 
 def _one_line(error: Exception) -> str:
-    """Give the reason of an error as one short line."""
+    """Return the reason of an error as one short line."""
     text = ' '.join(str(error).split()) or type(error).__name__
     return text if len(text) <= 160 else text[:157] + '...'

@@ -30,7 +30,7 @@ class OdometrySource:
 
 
 def stamp(header: Any, log_time: float) -> float:
-    """Stamp [s] of a header; the time of recording where the header has none."""
+    """Return the stamp [s] of a header; the time of recording where the header has none."""
     seconds = float(header.stamp.sec + header.stamp.nanosec * 1e-9)
     return seconds if seconds != 0 else log_time
 
@@ -119,7 +119,7 @@ def _has_own_frames(reader: BagReader, name: str) -> bool:
 
 
 def _found(reader: BagReader, types: tuple[str, ...], namespace: str) -> list[str]:
-    """Topics of some types in a namespace."""
+    """Return the topics of some types in a namespace."""
     return [topic for topic in reader.topics(*types) if in_namespace(topic, namespace)]
 
 

@@ -20,7 +20,7 @@ def in_namespace(topic: str, namespace: str) -> bool:
 
 
 def transform_topics(reader: BagReader, namespace: str) -> list[str]:
-    """Topics with a robot's transforms, the fixed ones first: its own, or those shared by all."""
+    """Return topics with a robot's transforms, fixed ones first: its own, or those of all."""
     topics = sorted(reader.topics(*TF_TYPES), key=lambda topic: 'static' not in topic)
     own = [topic for topic in topics if in_namespace(topic, namespace)]
     shared = [topic for topic in topics if topic.strip('/') in ('tf', 'tf_static')]
@@ -78,13 +78,13 @@ def odometry_frames(reader: BagReader, namespace: str = '') -> tuple[str, tuple[
 
 
 def pairs_of(message: Any) -> list[tuple[str, str]]:
-    """Parent and child of each transform of a message."""
+    """Return parent and child of each transform of a message."""
     return [(plain(item.header.frame_id), plain(item.child_frame_id))
             for item in message.transforms]
 
 
 def best_odometry(pairs: Iterable[tuple[str, str]], robot: str = '') -> tuple[str, str] | None:
-    """Frames of the odometry among parents and children; None where there are none."""
+    """Return the frames of the odometry among parents and children; None where there are none."""
     found = [(parent, child) for parent, child in pairs if is_odometry(parent)]
     if robot:
         marks = (f'{robot}/', f'{robot}_')

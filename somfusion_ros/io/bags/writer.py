@@ -96,7 +96,7 @@ class BagWriter:
                     nothing, nothing)
 
     def _own(self, topic: str) -> str:
-        """Topic in the namespace of the robot whose messages are written now."""
+        """Return the topic in the namespace of the robot whose messages are written now."""
         return f'/{self.namespace}{topic}' if self.namespace else topic
 
     def _write(self, topic: str, msgtype: str, stamp: float, *fields: Any) -> None:
@@ -122,12 +122,12 @@ class BagWriter:
 
 
 def quaternion(theta: float) -> tuple[float, float, float, float]:
-    """Quaternion x y z w of a heading [rad]."""
+    """Return the quaternion x y z w of a heading [rad]."""
     return 0.0, 0.0, float(np.sin(0.5 * theta)), float(np.cos(0.5 * theta))
 
 
 def _transient_local() -> Qos:
-    """Give the QoS under which static transforms are played again for late listeners."""
+    """Return the QoS under which static transforms are played again for late listeners."""
     never = QosTime(0, 0)
     return Qos(history=QosHistory.KEEP_LAST, depth=1, reliability=QosReliability.RELIABLE,
                durability=QosDurability.TRANSIENT_LOCAL, deadline=never, lifespan=never,

@@ -102,7 +102,7 @@ def why_not(status: Mapping[str, Any], robots: list[str]) -> str:
 
 
 def _names(logs: Mapping[str, Log]) -> list[str]:
-    """Names of all processes but the recorder."""
+    """Return the names of all processes but the recorder."""
     return [f'{kind}_{robot}' for robot in logs for kind in ('slam', 'fusion', 'player')]
 
 

@@ -153,7 +153,7 @@ class PlayerNode(Node):
 
 
 def prefixes(options: argparse.Namespace) -> list[str]:
-    """Prefixes of the topics of every bag: none for one bag, else the names of the robots."""
+    """Return the prefix of each bag's topics: none for one bag, else the robot's name."""
     robots = options.robots or ([] if len(options.bags) == 1 else [
         f'robot{number}' for number in range(1, len(options.bags) + 1)])
     if robots and len(robots) != len(options.bags):

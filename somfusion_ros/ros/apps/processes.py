@@ -47,7 +47,7 @@ def free_domain() -> int:
 
 
 def node_environment(domain: int | None = None) -> dict[str, str]:
-    """Environment for nodes: a domain of their own, this machine only, Fast DDS, one thread."""
+    """Return an environment for nodes: own domain, this machine, Fast DDS, one thread."""
     return {**os.environ,
             'OMP_NUM_THREADS': '1',
             'OPENBLAS_NUM_THREADS': '1',
@@ -87,16 +87,16 @@ class Processes:
         return process.pid
 
     def log_path(self, name: str) -> Path:
-        """Where a process writes what it says."""
+        """Return where a process writes what it says."""
         return self.log_folder / f'{name}.log'
 
     def last_words(self, name: str) -> str:
-        """Last line that a process wrote."""
+        """Return the last line that a process wrote."""
         lines = self.log_path(name).read_text(errors='replace').strip().splitlines()
         return lines[-1] if lines else 'it said nothing'
 
     def ended(self) -> dict[str, int]:
-        """Exit statuses of the processes that have ended, by name."""
+        """Return the exit statuses of the processes that have ended, by name."""
         for name, process in list(self._running.items()):
             if process.poll() is not None:
                 self.statuses[name] = process.returncode

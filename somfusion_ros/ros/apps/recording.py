@@ -91,7 +91,7 @@ class Recording:
         return [c for c in found if c.topic in chosen]
 
     def _clock_difference(self) -> int:
-        """Stamps minus times of recording [ns]; 0 where both are of one clock."""
+        """Return the stamps minus times of recording [ns]; 0 where both are of one clock."""
         scans = [c for c in self._connections if c.msgtype == SCAN]
         for connection, time, raw in self._reader.messages(connections=scans) if scans else ():
             data = bytes(self._ros1.ros1_to_cdr(raw, connection.msgtype) if self._ros1 else raw)

@@ -48,7 +48,7 @@ def time_message(stamp: float) -> Time:
 
 
 def yaw(q: Quaternion) -> float:
-    """Heading [rad] of a quaternion; one of all zeros means that nobody set it."""
+    """Return the heading [rad] of a quaternion; one of all zeros means that nobody set it."""
     values = [q.x, q.y, q.z, q.w]
     if not np.isfinite(values).all():
         raise ValueError(f'orientation is not finite: {values}')
@@ -56,17 +56,17 @@ def yaw(q: Quaternion) -> float:
 
 
 def quaternion(theta: float) -> Quaternion:
-    """Quaternion of a heading [rad]."""
+    """Return the quaternion of a heading [rad]."""
     return Quaternion(z=float(np.sin(0.5 * theta)), w=float(np.cos(0.5 * theta)))
 
 
 def pose_from_message(message: PoseMessage) -> Pose:
-    """Planar part of a pose; ValueError unless finite."""
+    """Return the planar part of a pose; ValueError unless finite."""
     return Pose.from_array((message.position.x, message.position.y, yaw(message.orientation)))
 
 
 def pose_message(pose: Iterable[float]) -> PoseMessage:
-    """Pose in the plane z = 0."""
+    """Return the pose in the plane z = 0."""
     x, y, theta = (float(value) for value in pose)
     return PoseMessage(position=Point(x=x, y=y), orientation=quaternion(theta))
 
@@ -77,12 +77,12 @@ def scan_from_message(message: LaserScan, T_base_laser: Pose, upside_down: bool 
 
 
 def odometry_from_message(message: OdometryMessage) -> tuple[float, Array]:
-    """Stamp [s] and T_odom_base (3,)."""
+    """Return stamp [s] and T_odom_base (3,)."""
     return seconds(message.header.stamp), np.array(pose_from_message(message.pose.pose))
 
 
 def wheels_from_message(message: JointState, left: str, right: str) -> tuple[float, Array]:
-    """Stamp [s] and positions (2,) [rad] of two wheel joints; ValueError without them."""
+    """Return stamp [s] and positions (2,) [rad] of two wheels; ValueError without them."""
     names = list(message.name)
     if left not in names or right not in names:
         raise ValueError(f'joint_states has no {left} and {right}, only {", ".join(names)}')
@@ -95,7 +95,7 @@ def wheels_from_message(message: JointState, left: str, right: str) -> tuple[flo
 
 
 def cells_from_message(message: OccupancyGrid, max_cells: int) -> MapCells:
-    """Cells of a map of any origin; ValueError, naming what is wrong, on a bad one."""
+    """Return the cells of a map of any origin; ValueError, naming what is wrong, on a bad one."""
     width, height = message.info.width, message.info.height
     if width * height > max_cells:
         raise ValueError(f'grid of {width} x {height} cells is over {max_cells} cells')
@@ -142,14 +142,14 @@ def pose_with_covariance(pose: Pose, covariance: Array, frame: str,
 
 
 def planar_covariance(covariance: Iterable[float]) -> Array:
-    """Covariance (3, 3) of x, y, theta from the 36 numbers of a message."""
+    """Return the covariance (3, 3) of x, y, theta from the 36 numbers of a message."""
     full: Array = np.asarray(covariance, dtype=float).reshape(6, 6)
     planar: Array = full[PLANAR]
     return planar
 
 
 def usable_covariance(covariance: Iterable[float]) -> Array:
-    """Planar covariance (3, 3) that can be inverted; a wide one where the message has none."""
+    """Return a covariance (3, 3) that can be inverted; a wide one if the message has none."""
     P: Array = planar_covariance(covariance)
     if not np.isfinite(P).all():
         raise ValueError('covariance is not finite')
@@ -162,7 +162,7 @@ def usable_covariance(covariance: Iterable[float]) -> Array:
 
 
 def path_message(stamps: Array, poses: Array, frame: str, stamp: Time) -> Path:
-    """Path through poses (N, 3) at their stamps (N,)."""
+    """Return the path through poses (N, 3) at their stamps (N,)."""
     header = Header(frame_id=frame, stamp=stamp)
     return Path(header=header, poses=[
         PoseStamped(header=Header(frame_id=frame, stamp=time_message(float(when))),
@@ -171,7 +171,7 @@ def path_message(stamps: Array, poses: Array, frame: str, stamp: Time) -> Path:
 
 
 def pose_array(poses: Iterable[Pose], frame: str, stamp: Time) -> PoseArray:
-    """Several poses in one frame."""
+    """Return several poses in one frame."""
     return PoseArray(header=Header(frame_id=frame, stamp=stamp),
                      poses=[pose_message(pose) for pose in poses])
 
@@ -187,13 +187,13 @@ def transform_message(T_parent_child: Pose, parent: str, child: str,
 
 
 def transform_from_message(message: TransformStamped) -> Pose:
-    """T_parent_child of a transform; ValueError unless finite."""
+    """Return T_parent_child of a transform; ValueError unless finite."""
     t = message.transform
     return Pose.from_array((t.translation.x, t.translation.y, yaw(t.rotation)))
 
 
 def cluster_cloud(rows: NDArray[np.float32], frame: str, stamp: Time) -> PointCloud2:
-    """Points (K, 7) of CLUSTER_FIELDS as a cloud for RViz and Foxglove."""
+    """Return points (K, 7) of CLUSTER_FIELDS as a cloud for RViz and Foxglove."""
     rows = np.ascontiguousarray(rows, dtype=np.float32).reshape(-1, len(CLUSTER_FIELDS))
     cloud = PointCloud2(header=Header(frame_id=frame, stamp=stamp), height=1, width=len(rows),
                         is_dense=True, point_step=4 * len(CLUSTER_FIELDS),

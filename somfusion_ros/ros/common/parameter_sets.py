@@ -20,5 +20,5 @@ SETS: dict[str, dict[str, type]] = {
 
 
 def names_of(node: str) -> set[str]:
-    """Names of all parameters of a node."""
+    """Return the names of all parameters of a node."""
     return {item.name for config in SETS[node].values() for item in fields(config)}

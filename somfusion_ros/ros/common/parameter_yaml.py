@@ -31,7 +31,7 @@ FILES = {
 
 
 def parameter_file(name: str) -> str:
-    """Text of one YAML file."""
+    """Return the text of one YAML file."""
     node, introduction = FILES[name]
     lines = [*comment(introduction, ''), '/**:', '  ros__parameters:']
     for title, config in SETS[node].items():

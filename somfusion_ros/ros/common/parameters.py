@@ -71,7 +71,7 @@ def change(config: Config, parameters: list[Any]) -> tuple[Config, SetParameters
 
 
 def as_yaml(config: Any) -> dict[str, Any]:
-    """Values of a config as a YAML file holds them."""
+    """Return the values of a config as a YAML file holds them."""
     return {name: _to_ros(value) for name, value in asdict(config).items()}
 
 

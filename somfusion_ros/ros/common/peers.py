@@ -12,7 +12,7 @@ from somfusion_ros.team.names import robot_name
 def find_peers(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: str,
                own_topic: str, wanted: Iterable[str]) -> list[str]:
     """
-    Names of the robots that publish a topic, which is `<robot>/<last name>`.
+    Return the names of the robots that publish a topic, which is `<robot>/<last name>`.
 
     Only topics of the exact type and last name count: never a peer's global_map or a costmap, nor
     what one robot shows of another below `peers`.

@@ -31,5 +31,5 @@ REPLAY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def overridable() -> QoSOverridingOptions:
-    """Options that let `qos_overrides.<topic>...` parameters change history and reliability."""
+    """Return options with which `qos_overrides.<topic>...` parameters change the profile."""
     return QoSOverridingOptions.with_default_policies()

@@ -64,7 +64,7 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
 
 
 def plain_args(args: list[str] | None) -> list[str]:
-    """Command line arguments without the program's name and without those of ROS."""
+    """Return the command line arguments without the program's name and without those of ROS."""
     return remove_ros_args(sys.argv if args is None else ['', *args])[1:]
 
 

@@ -10,7 +10,7 @@ ENDINGS = ('.yaml', '.yml', '.pgm', '.npz')
 
 def file_stem(directory: str, name: str, namespace: str, kind: str) -> Path:
     """
-    Absolute path, without ending, of a file to write or read.
+    Return the absolute path, without ending, of a file to write or read.
 
     Parameters
     ----------

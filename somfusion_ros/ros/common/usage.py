@@ -16,7 +16,7 @@ PURPOSES = {
 
 
 def usage(node: str) -> str:
-    """Text for `ros2 run somfusion_ros <node> --help`."""
+    """Return the text for `ros2 run somfusion_ros <node> --help`."""
     lines = [
         f'usage: ros2 run somfusion_ros {node} --ros-args -r __ns:=/robot1 '
         '[-p PARAMETER:=VALUE ...] [--params-file FILE]', '',

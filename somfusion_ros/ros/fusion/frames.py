@@ -30,7 +30,7 @@ class Frames:
 
 def team_prefix(namespace: str, robot: str) -> str:
     """
-    Where the topics for the team stand: in the namespace, or below the name in the root.
+    Return where the topics for the team stand: in the namespace, or below the name in the root.
 
     The other robots find a robot by the first part of its topics, so that is its name. ValueError
     where a robot cannot be found under the name that it gives itself.

@@ -29,7 +29,7 @@ def matched_clusters(own: LearnedMap, peer: LearnedMap, T_own_peer: Pose) -> Arr
 
 def team_markers(learned: LearnedMap, frame: str, stamp: Time,
                  matches: Array = np.empty((0, 2, 2))) -> MarkerArray:
-    """Segments in colour, surfaces between adjacent clusters, point normals, and matches."""
+    """Draw segments in colour, surfaces between clusters, point normals, and matches."""
     header, c = Header(frame_id=frame, stamp=stamp), learned.clusters
     segments = _marker(header, 'segments', Marker.POINTS, learned.cells, WHITE)
     segments.colors = [_hue(int(s)) for s in learned.segments]
@@ -52,7 +52,7 @@ def _marker(header: Header, name: str, kind: int, points: Array, color: ColorRGB
 
 
 def _hue(segment: int) -> ColorRGBA:
-    """Colour of a segment, unlike those of its neighbours in number."""
+    """Return the colour of a segment, unlike those of its neighbours in number."""
     phase = GOLDEN_ANGLE * segment + np.array([0.0, 2.0, 4.0]) * np.pi / 3.0
     r, g, b = (float(v) for v in 0.55 + 0.45 * np.cos(phase))
     return ColorRGBA(r=r, g=g, b=b, a=1.0)

@@ -69,11 +69,11 @@ class Receiver:
         self.inbox.keep_path([(p.pose.position.x, p.pose.position.y) for p in message.poses])
 
     def on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
-        """Take a robot's pose in the map that its SLAM publishes."""
+        """Accept a robot's pose in the map that its SLAM publishes."""
         self.inbox.keep_pose(robot, lambda: (_timed_pose(message), None))
 
     def on_team_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
-        """Take a robot's pose in the map that its frame names."""
+        """Accept a robot's pose in the map that its frame names."""
         self.inbox.keep_pose(robot, lambda: (
             _timed_pose(message), Epoch.parse(message.header.frame_id.rpartition('@')[2])))
 
@@ -114,5 +114,5 @@ def _timed_pose(message: PoseWithCovarianceStamped) -> TimedPose:
 
 
 def _transform_of_unknown_quality(message: TransformStamped) -> tuple[Pose, Array]:
-    """Pose of the child frame, with the covariance of what nobody told."""
+    """Return the pose of the child frame, with the covariance of what nobody told."""
     return convert.transform_from_message(message), convert.usable_covariance(np.zeros(36))

@@ -16,7 +16,7 @@ from somfusion_ros.team.world import anchor_of
 def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],
                     faults: Mapping[str, int], now: float, timeout: float,
                     missing: Collection[str] = ()) -> list[DiagnosticStatus]:
-    """One status of the node, one per peer, and one per listed peer that was never seen."""
+    """Return one status of the node, one per peer, and one per listed peer that was never seen."""
     connected = snapshot.connected(robot)
     values = {'peers': len(heard) - 1, 'connected': ', '.join(connected) or 'nobody',
               'world_is_map_of': anchor_of(snapshot.world(robot), snapshot.anchor),
@@ -32,7 +32,7 @@ def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[st
 
 
 def never_seen(peer: str) -> str:
-    """Say what to look for where a listed peer does not show up."""
+    """Return what to look for where a listed peer does not show up."""
     return (f'{peer} is listed in peers, but was never seen: is it running, in the namespace '
             f'/{peer}, in this ROS domain and within reach?')
 

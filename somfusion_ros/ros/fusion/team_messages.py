@@ -31,7 +31,7 @@ def bytes_from_message(message: UInt8MultiArray) -> bytes:
 
 
 def clusters_from_message(cloud: PointCloud2) -> Clusters:
-    """Clusters of a cloud; a normal that is there is taken as sure."""
+    """Return the clusters of a cloud; a normal that is there is taken as sure."""
     names = tuple(field.name for field in cloud.fields)
     step = 4 * len(CLUSTER_FIELDS)
     if names != CLUSTER_FIELDS or cloud.point_step != step or cloud.is_bigendian:

@@ -173,7 +173,7 @@ class SlamNode(ManagedNode):
         return self._pipeline.deserialize(self._stem(self._config.map_name))
 
     def _stem(self, name: str) -> Any:
-        """Path, without ending, of the files of a name."""
+        """Return the path, without ending, of the files of a name."""
         return file_stem(self._config.map_directory, name, self.get_namespace(), names.MAP)
 
     def _pause(self, request: SetBool.Request) -> str:

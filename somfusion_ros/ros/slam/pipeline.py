@@ -72,7 +72,7 @@ class Pipeline:
         self._ticks += 1
 
     def add_scan(self, scan: Scan, stamp: Time, bodies: Bodies) -> None:
-        """Let a scan wait for its odometry; bodies are where other robots are now."""
+        """Queue a scan until its odometry comes; bodies are where other robots are now."""
         self.session.bodies = bodies
         self.session.add_scan(scan, stamp, self._ticks * TICK)
         self._tracker.wake()
