@@ -52,7 +52,7 @@ def resolve(path: Path) -> Path:
 
 
 def storage_files(folder: Path) -> list[Path]:
-    """Files with messages in a folder, in the order in which they were recorded."""
+    """Return the files with messages in a folder, in the order in which they were recorded."""
     files = [file for file in folder.glob('*') if file.is_file() and is_storage(file)]
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part
                                            for part in re.split(r'(\d+)', file.name)])
@@ -69,7 +69,7 @@ def split_name(file: Path) -> str:
 
 
 def unpacked(files: Sequence[Path], folder: Path) -> list[Path]:
-    """Files as they can be read: those that are compressed as a whole go into a folder."""
+    """Return files as they can be read: those that are compressed as a whole go into a folder."""
     found = []
     for file in files:
         if file.suffix != PACKED:

@@ -72,12 +72,12 @@ class BagReader:
         return float(max(self._reader.duration, 0) * 1e-9)
 
     def topics(self, *msgtypes: str) -> list[str]:
-        """Names of the topics of these types that hold messages."""
+        """Return the names of the topics of these types that hold messages."""
         return sorted({c.topic for c in self._reader.connections
                        if c.msgtype in msgtypes and c.msgcount != 0})
 
     def types(self) -> dict[str, str]:
-        """Type of every topic that holds messages."""
+        """Return the type of every topic that holds messages."""
         return {c.topic: c.msgtype for c in self._reader.connections if c.msgcount != 0}
 
     def count(self, topic: str) -> int:
