@@ -34,7 +34,7 @@ def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
 
 
 def _shades(image: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Shades (H, W) 0..255 and opacity of an image (H, W) or (H, W, channels)."""
+    """Return the shades (H, W) 0..255 and opacity of an image (H, W) or (H, W, channels)."""
     if image.dtype == np.uint16:
         image = (image // 257).astype(np.uint8)
     if image.dtype != np.uint8:

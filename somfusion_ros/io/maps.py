@@ -133,7 +133,7 @@ def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
 def _cells(image: NDArray[np.uint8], opaque: NDArray[np.bool_],
            fields: Mapping[str, Any]) -> NDArray[np.int8]:
     """
-    Occupancy cells (H, W), -1 or 0..100, of an image (H, W) by the rules of map_server.
+    Return the occupancy cells (H, W), -1 or 0..100, of an image (H, W) by the rules of map_server.
 
     What is not opaque is unknown, whatever its shade: so map_saver writes it in scale mode.
     """
