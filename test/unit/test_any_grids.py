@@ -100,6 +100,7 @@ def outdoors(seed: int, low: float, high: float, T: Pose) -> Grid:
     return Grid(evidence, 0.05, T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_sparse_maps_of_outdoors_are_placed_right_and_others_refused(seed: int) -> None:
     """Two robots saw two thirds of a yard each: right within 0.1 m, 0.5 deg; not another yard."""

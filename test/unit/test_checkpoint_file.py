@@ -54,6 +54,7 @@ def test_nothing_is_lost_by_a_restart(half: Slam, tmp_path: Path) -> None:
     assert np.mean(after.evidence != before.evidence) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_resumed_drive_ends_where_an_uninterrupted_one_does(tmp_path: Path) -> None:
     whole, first = Slam(), Slam()
     drive(whole, 0, len(STAMPS))

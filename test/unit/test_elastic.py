@@ -19,6 +19,8 @@ from somfusion_ros.team.joint import InterMatch
 from somfusion_ros.team.joint_map import along, draw_joint, Held
 from somfusion_ros.team.view_set import ViewSet
 
+pytestmark = pytest.mark.slow
+
 SIZE = (14.0, 11.0)
 ROUND = np.array([(1.0, 0.7), (12.5, 0.7), (12.5, 5.2), (6.5, 5.4), (1.0, 5.2), (1.0, 1.5)])
 SIGMA = np.diag([0.01, 0.01, 0.006])      # [m] [m] [rad] of a step between views

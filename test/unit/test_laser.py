@@ -45,6 +45,7 @@ def error(trial: Trial, time_increment: float) -> tuple[float, Counter[str]]:
     return float(np.hypot(*(poses - trial.truth(stamps))[:, :2].T).max()), counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('told', 'odd'), [
     (TRUE, False), (TRUE * 1e6, True), (TRUE * 1e9, True), (TRUE * 1e3, True),
     (TRUE * (BEAMS - 1), True), (1.3 * URG.period / BEAMS, True), (np.nan, True), (np.inf, True),

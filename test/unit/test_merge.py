@@ -86,6 +86,7 @@ def test_strangers_are_refused_and_it_ran(tmp_path: Path, capsys: pytest.Capture
     assert 'no maps were joined' in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_empty_map_is_refused_with_a_reason(tmp_path: Path) -> None:
     write_map(tmp_path, fake_grid(fake_room()), 'room')
     write_map(tmp_path, Grid(np.zeros((20, 30), np.float32), 0.05), 'nothing')

@@ -119,6 +119,7 @@ def test_a_laser_that_sees_a_third_of_its_range_max() -> None:
     assert found.error < 0.08
 
 
+@pytest.mark.slow
 def test_an_honest_laser_keeps_the_space_it_saw_through_doors() -> None:
     """All of `range_max` = 4 m is free where nothing stands: as much as with believed `inf`."""
     laser = replace(RPLIDAR, range_max=4.0)
@@ -136,6 +137,7 @@ def test_an_honest_laser_keeps_the_space_it_saw_through_doors() -> None:
     assert not counts['scans_with_failed_beams']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('range_max', 'told', 'noise'), [
     (3.5, 3.49, 0.004), (3.5, 3.5 - 1e-4, 0.0), (12.0, 11.95, 0.01), (30.0, 29.96, 0.01)])
 def test_ranges_told_just_under_range_max_make_no_walls(range_max: float, told: float,

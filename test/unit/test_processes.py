@@ -61,6 +61,7 @@ def test_a_name_started_again_is_ended_again(processes: Processes) -> None:
             assert not alive(pid)
 
 
+@pytest.mark.slow
 def test_a_process_that_ignores_signals_is_killed(processes: Processes,
                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('somfusion_ros.ros.apps.processes.STOP_TIMEOUT', 0.3)
@@ -71,6 +72,7 @@ def test_a_process_that_ignores_signals_is_killed(processes: Processes,
     assert not alive(pid)
 
 
+@pytest.mark.slow
 def test_an_early_end_is_known_with_its_reason(processes: Processes) -> None:
     with processes:
         processes.start('broken', 'broken')

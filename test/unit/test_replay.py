@@ -22,6 +22,8 @@ from somfusion_ros.offline.replay import replay, ReplayOptions
 from somfusion_ros.offline.robot_run import paired
 from somfusion_ros.slam.pairing import Pairing
 
+pytestmark = pytest.mark.slow
+
 OTHER_WAY = np.array([(6.8, 2.8), (4.0, 3.0), (1.5, 4.6), (1.2, 2.0), (3.5, 1.0)])
 PAIR_KEYS = {'target', 'source', 'accepted', 'probability', 'reason', 'transform',
              'verification_index', 'performance_index', 'overlap', 'runner_up', 'seconds'}

@@ -302,6 +302,7 @@ def test_scans_of_another_clock_are_paired_by_arrival(offset: float) -> None:
     assert drive.error() < 0.15
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 119), st.floats(-1e4, 1e4)), max_size=4))
 def test_whatever_the_stamps_the_robot_is_followed_in_the_end(stray: list) -> None:

@@ -58,6 +58,7 @@ def test_a_drive_round_a_room_is_followed():
     assert slam.counters['loops_accepted'] > 0
 
 
+@pytest.mark.slow
 def test_dead_reckoning_is_much_worse_than_the_slam():
     scans, buffer, truth = drive(noise=(0.06, 0.06))
     slam, _ = run(scans, buffer)
@@ -76,12 +77,14 @@ def test_the_same_input_gives_the_same_result_bit_for_bit():
     np.testing.assert_array_equal(results[0].grid().evidence, results[1].grid().evidence)
 
 
+@pytest.mark.slow
 def test_a_lag_of_the_clocks_is_learned():
     scans, buffer, _ = drive(lag=0.15, noise=(0.01, 0.01))
     slam, _ = run(scans, buffer)
     assert slam.odometry_lag == pytest.approx(0.15, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_turn_scale_is_learned():
     scans, buffer, truth = drive(noise=(0.0, 0.0))
     wrong = OdometryBuffer()
@@ -96,6 +99,7 @@ def test_a_turn_scale_is_learned():
     assert distance.max() < 0.08
 
 
+@pytest.mark.slow
 def test_an_odometry_that_stalls_is_overruled():
     scans, buffer, truth = drive(noise=(0.01, 0.01))
     stalled, offset, frozen = OdometryBuffer(), np.zeros(3), None
@@ -113,6 +117,7 @@ def test_an_odometry_that_stalls_is_overruled():
     assert distance[-20:].max() < 0.12
 
 
+@pytest.mark.slow
 def test_an_odometry_that_jumps_is_counted_and_overruled():
     scans, buffer, truth = drive(noise=(0.01, 0.01))
     jumped = OdometryBuffer()
@@ -125,6 +130,7 @@ def test_an_odometry_that_jumps_is_counted_and_overruled():
     assert distance.max() < 0.12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('spoil, reason', [
     (lambda s: replace(s, ranges=np.full(513, np.nan)), 'too few'),
     (lambda s: replace(s, ranges=np.zeros(513)), 'too few'),
@@ -198,6 +204,7 @@ def test_loops_can_be_closed_by_another_thread():
     assert distance.max() < 0.1 and slam.counters['loops_accepted'] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('setup', [
     {'beams': 181, 'field_of_view': np.pi, 'range_max': 30.0},
     {'beams': 720, 'field_of_view': 2 * np.pi * 719 / 720, 'range_max': 12.0},

@@ -15,6 +15,8 @@ from somfusion_ros.io.bags.log import BagError, BagOptions, open_log, robots_in
 from somfusion_ros.io.bags.writer import BagWriter, quaternion
 from somfusion_ros.slam.motion import Odometry
 
+pytestmark = pytest.mark.slow
+
 WAYS = {'robot1': [(1.0, 1.0), (4.0, 1.2), (6.5, 2.6), (4.0, 3.2), (1.5, 4.5)],
         'robot2': [(6.8, 2.8), (4.0, 3.0), (1.5, 4.6), (1.2, 2.0), (3.5, 1.0)]}
 MOUNTS = {'robot1': Pose(0.1, 0.0, 0.0), 'robot2': Pose(-0.2, 0.1, float(np.pi / 2))}

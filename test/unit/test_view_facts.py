@@ -26,6 +26,7 @@ def seen_from(pose: Array, twist: Array | None = None, sweep: float = 0.0, beams
     return cloud(replace(scan, time_increment=sweep / beams), 20.0, twist)
 
 
+@pytest.mark.slow
 @given(x=st.floats(1.0, 6.5), y=st.floats(1.0, 2.4), theta=st.floats(-3.0, 3.0),
        speed=st.floats(-1.0, 1.0), turn=st.floats(-1.5, 1.5), beams=st.sampled_from([90, 361]))
 @settings(max_examples=60, deadline=None)
