@@ -28,7 +28,8 @@ from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.floor_plan import box, PLANS, polygon, wall
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import Outcome, run_trial, simulate_trial, Trial
-from somfusion_ros.slam.loops import Loop, TUNING
+from somfusion_ros.slam.loop_trust import Loop
+from somfusion_ros.slam.loops import TUNING
 from somfusion_ros.slam.slam import Slam
 
 FALSE = (0.5, 0.2)             # [m] [rad] by which a loop that joins different places is wrong
@@ -133,9 +134,9 @@ class Witness:
     """Sits between matching and belief, and notes every loop that was found and believed."""
 
     def __init__(self, slam: Slam, trial: Trial) -> None:
-        self._slam, self._trial, self._trusted = slam, trial, slam._map.closure.trusted
+        self._slam, self._trial, self._trusted = slam, trial, slam._map.closer.closure.trusted
         self.counts: Counter[str] = Counter()
-        slam._map.closure.trusted = self
+        slam._map.closer.closure.trusted = self
 
     def __call__(self, loop: Loop, ekf: object) -> list:
         """Count, then believe what the SLAM believes."""

@@ -3,6 +3,7 @@
 """`somfusion replay`: logs of one or more robots in, maps and trajectories out."""
 
 import argparse
+from pathlib import Path
 
 from somfusion_ros.cli.options import (add_fusion, add_output, Commands, count, given, pose,
                                        positive)
@@ -40,6 +41,13 @@ def add(commands: Commands) -> None:
     command.add_argument('--bag', action='store_true',
                          help='also write DIR/bag (mcap): maps, poses, tf, clusters and the '
                               'global map over time, for Foxglove and RViz')
+    where = command.add_mutually_exclusive_group()
+    where.add_argument('--state', type=Path, metavar='FILE',
+                       help='go on from this state of an earlier run where there is one, '
+                            'wherever the robot starts, and write it at the end; for one bag')
+    where.add_argument('--localize', type=Path, metavar='MAP',
+                       help='find and track the robot in this map (map.yaml of map_server, or a '
+                            'state), and leave it as it is; for one bag')
     add_fusion(command)
     command.set_defaults(run=run)
 
@@ -57,4 +65,5 @@ def run(options: argparse.Namespace) -> None:
     replay(options.bags, options.output, ReplayOptions(
         bags, make(SlamConfig, values, **given(resolution=options.resolution)),
         make(FusionConfig, values, **given(method=options.method)),
-        options.jobs, not options.no_report, options.bag, tuple(options.namespaces)))
+        options.jobs, not options.no_report, options.bag, tuple(options.namespaces),
+        options.state, options.localize))

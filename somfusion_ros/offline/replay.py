@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 from somfusion_ros import __version__
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.io.bags.log import BagOptions, Log, open_log, robots_in
+from somfusion_ros.io.bags.log import BagError, BagOptions, Log, open_log, robots_in
 from somfusion_ros.io.console import complain, say
-from somfusion_ros.io.maps import write_map
+from somfusion_ros.io.maps import MapError, write_map
 from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
 from somfusion_ros.io.trajectories import write_tum
+from somfusion_ros.offline.beginning import Beginning, from_map, from_state
 from somfusion_ros.offline.fusing import draw, fuse_with_progress
 from somfusion_ros.offline.result_bag import period_of, write_replay_bag
 from somfusion_ros.offline.robot_run import RobotRun
 from somfusion_ros.offline.robot_runs import run_robots
 from somfusion_ros.offline.summary import tell_fusion, tell_robot
+from somfusion_ros.slam.checkpoint_file import save_checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.team.joint_map import along, draw_joint
 from somfusion_ros.team.offline import Fusion
@@ -33,7 +35,8 @@ class ReplayOptions:
     """
     How to replay: what to use of the bags, parameters, processes, pictures, a bag.
 
-    namespaces: of the robots in each bag; empty: all that are found.
+    namespaces: of the robots in each bag; empty: all that are found. state: a file to go on from
+    where there is one, and to write at the end; localize: a map to be found and tracked in.
     """
 
     bags: BagOptions = field(default_factory=BagOptions)
@@ -43,6 +46,8 @@ class ReplayOptions:
     pictures: bool = True
     bag: bool = False
     namespaces: tuple[str, ...] = ()
+    state: Path | None = None
+    localize: Path | None = None
 
 
 def replay(bags: Sequence[str | Path], output: str | Path,
@@ -83,16 +88,22 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     options, started = options or ReplayOptions(), time.perf_counter()
     logs = {f'robot{number}': log
             for number, log in enumerate(open_logs(bags, options), start=1)}
+    beginning = _beginning(options, len(logs))
     folder = make_folder(output)
     period = period_of([log.duration for log in logs.values()]) if options.bag else None
-    runs = run_robots(logs, options.slam, options.jobs, period)
-    return save_team(folder, runs, options, started)
+    runs = run_robots(logs, options.slam, options.jobs, period, beginning)
+    record = save_team(folder, runs, options, started, beginning)
+    if options.state is not None:
+        _save_state(options.state, runs['robot1'])
+    return record
 
 
 def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions,
-              started: float) -> dict[str, Any]:
+              started: float, beginning: Beginning | None = None) -> dict[str, Any]:
     """Merge the robots' maps, and write and tell everything; `started`: a clock's time [s]."""
     robots = {name: save_robot(folder / name, run) for name, run in runs.items()}
+    found = found_record(runs['robot1'], beginning) if beginning else {}
+    robots = {name: {**record, **found} for name, record in robots.items()}
     for name, record in robots.items():
         tell_robot(name, record)
         for note in record['notes']:
@@ -102,7 +113,7 @@ def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions
     write_map(folder, fusion.global_map)
     save_joint(folder, runs, fusion)
     record = {'command': 'replay', 'version': __version__, 'fusion_config': asdict(options.fusion),
-              'robots': robots, **fusion_record(fusion), 'map': 'map.yaml',
+              'robots': robots, **fusion_record(fusion), **found, 'map': 'map.yaml',
               'seconds': time.perf_counter() - started}
     write_result(folder, record)
     tell_fusion(record, str(folder / 'map.yaml'))
@@ -139,6 +150,37 @@ def open_logs(bags: Sequence[str | Path], options: ReplayOptions) -> list[Log]:
         logs += [open_log(bag, replace(options.bags, namespace=name.strip('/')))
                  for name in names]
     return logs
+
+
+def _beginning(options: ReplayOptions, bags: int) -> Beginning | None:
+    """Return the map that the replay goes on in, None where each robot begins a new one."""
+    if options.state is None and options.localize is None:
+        return None
+    if bags > 1:
+        raise BagError('a state, or a map to localise in, is for one robot: give one bag')
+    if options.localize is not None:
+        return from_map(options.localize)
+    return None if options.state is None else from_state(options.state)
+
+
+def _save_state(path: Path, run: RobotRun) -> None:
+    """Write the state of a run; MapError where the disk does not take it."""
+    if run.checkpoint is None:
+        return
+    try:
+        save_checkpoint(path, run.checkpoint)
+    except OSError as error:
+        raise MapError(f'{path}: {error.strerror or error}') from error
+
+
+def found_record(run: RobotRun, beginning: Beginning) -> dict[str, Any]:
+    """Return when and where a robot was found in the map that it started in, for result.json."""
+    found = run.found
+    if beginning.checkpoint is None or found is None:
+        return {'found_after_m': None, 'found_at': None, 'found_transform': None}
+    x, y, theta = (float(value) for value in found.T_map_piece)
+    return {'found_after_m': found.metres, 'found_at': found.stamp,
+            'found_transform': {'x': x, 'y': y, 'theta': theta}}
 
 
 def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:

@@ -11,14 +11,17 @@ import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.bags.log import BagError, Log
+from somfusion_ros.offline.beginning import Beginning
 from somfusion_ros.offline.fault_log import FaultLog
 from somfusion_ros.offline.history import History
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.lost import Found
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.pairing import Pairing
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.session import Session
+from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
 from somfusion_ros.slam.trajectory import with_odometry
 from somfusion_ros.team.joint_map import Held
@@ -37,7 +40,8 @@ class RobotRun:
     and of the odometry between them, and of the kept views (N,), (N, 3); the views that
     the robot hung on, and the facts that it tells of them; counters by name; notes: sentences on
     what was odd in the data; milliseconds per scan (K,); recorded and computing time [s]; the
-    history where it was asked for.
+    history where it was asked for; the checkpoint at the end of a run in a map that there was, and
+    where the robot was found in that map, None where it was not.
     """
 
     log: Log
@@ -54,20 +58,25 @@ class RobotRun:
     recorded: float
     seconds: float
     history: History | None = None
+    checkpoint: Checkpoint | None = None
+    found: Found | None = None
 
 
 def run_robot(log: Log, config: SlamConfig | None = None,
               progress: Callable[[int], Any] = lambda n: None,
-              history: History | None = None) -> RobotRun:
+              history: History | None = None, beginning: Beginning | None = None) -> RobotRun:
     """
     Run the SLAM over a log.
 
-    progress is told the number of scans done since the last call; a history is filled.
+    progress is told the number of scans done since the last call; a history is filled. A
+    beginning makes it go on in a map that there is; its checkpoint is then part of the result.
     """
     started, milliseconds = time.perf_counter(), []
     faults = FaultLog()
     session = Session(config or SlamConfig(), PATIENCE, faults, background=False,
-                      capacity=MOST_WAITING)
+                      capacity=MOST_WAITING,
+                      checkpoint=beginning.checkpoint if beginning else None,
+                      how=beginning.start if beginning else Start())
     before = time.perf_counter()
     for step in steps_of(log, session):
         milliseconds.append(1e3 * (time.perf_counter() - before))
@@ -88,19 +97,21 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
     checkpoint = slam.checkpoint()
-    all_stamps, poses = dense(*slam.trajectory(), session.pairing.odometry)
+    all_stamps, poses = dense(*slam.driven(), session.pairing.odometry)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
-                    Held.of(checkpoint.graph.track), _facts(checkpoint),
+                    Held.of(checkpoint.trail), _facts(checkpoint),
                     {**faults.counts, **slam.counters, **log.counters},
                     faults.notes(len(milliseconds)), np.asarray(milliseconds),
-                    log.duration, seconds, history)
+                    log.duration, seconds, history,
+                    checkpoint if beginning and len(views) else None,
+                    slam.found[0] if slam.found else None)
 
 
 def _facts(checkpoint: Checkpoint) -> Facts:
     """Tell of a robot's views and constraints as it would tell its peers."""
-    graph = checkpoint.graph
-    return tell(graph.stamps, checkpoint.poses, graph.clouds, graph.constraints, graph.scans)
+    c = checkpoint
+    return tell(c.stamps.tolist(), c.poses, c.clouds, c.constraints, c.scans)
 
 
 def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, Array]:

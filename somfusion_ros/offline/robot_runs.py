@@ -13,6 +13,7 @@ from typing import Any
 
 from somfusion_ros.io.bags.log import BagError, Log
 from somfusion_ros.io.console import progress_bar
+from somfusion_ros.offline.beginning import Beginning
 from somfusion_ros.offline.history import History
 from somfusion_ros.offline.robot_run import RobotRun, run_robot
 from somfusion_ros.slam.config import SlamConfig
@@ -21,19 +22,21 @@ TELL_EVERY = 0.2   # [s] between two words of progress from a process
 
 
 def run_robots(logs: Mapping[str, Log], config: SlamConfig | None = None,
-               jobs: int | None = None, period: float | None = None) -> dict[str, RobotRun]:
+               jobs: int | None = None, period: float | None = None,
+               beginning: Beginning | None = None) -> dict[str, RobotRun]:
     """
     Run the SLAM of every robot; the results do not depend on the number of jobs.
 
     jobs: processes at once, default one per core; with one job all runs in this process.
     period: time [s] between two maps of the history, None keeps no history.
+    beginning: the map that a single robot goes on in.
     """
     jobs = min(len(logs), jobs or os.cpu_count() or 1)
     bars = {name: progress_bar(name, log.scan_count, 'scan', position)
             for position, (name, log) in enumerate(logs.items())}
     try:
         if jobs == 1:
-            return {name: run_robot(log, config, bars[name].update, _history(period))
+            return {name: run_robot(log, config, bars[name].update, _history(period), beginning)
                     for name, log in logs.items()}
         return _run_parallel(logs, config, jobs, period, bars)
     finally:

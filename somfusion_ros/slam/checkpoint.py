@@ -1,8 +1,9 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""All that one robot's SLAM holds: the filter, what it was made of, and what was seen."""
+"""What a later run goes on from, and the graph that it is a copy of."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,9 +11,12 @@ from somfusion_ros.geometry import Array
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.slam.mapping import MapScan
+from somfusion_ros.slam.loops import centre
+from somfusion_ros.slam.map_scans import MapScan, MapScans
+from somfusion_ros.slam.mapping import place
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import TrackerState
+from somfusion_ros.slam.trail import Trail
 
 
 @dataclass
@@ -22,8 +26,7 @@ class ViewGraph:
 
     The filter over n views, with the views' clouds, the centres (2,) of these, and their stamps
     [s]; the constraints in the order in which the filter took them; the scans kept for the map;
-    the track: stamp [s], view, T_view_base (3,) of every scan used; the views whose loops are
-    still to be closed; which map it is.
+    the trail; the views whose loops are still to be closed; which map it is.
     """
 
     ekf: DelayedStateEkf = field(default_factory=DelayedStateEkf)
@@ -31,10 +34,38 @@ class ViewGraph:
     centres: list[Array] = field(default_factory=list)
     stamps: list[float] = field(default_factory=list)
     constraints: list[Constraint] = field(default_factory=list)
-    scans: list[MapScan] = field(default_factory=list)
-    track: list[tuple[float, int, Array]] = field(default_factory=list)
+    scans: MapScans = field(default_factory=MapScans)
+    trail: Trail = field(default_factory=Trail)
     to_close: deque[int] = field(default_factory=deque)
     epoch: Epoch = Epoch()
+
+    def join(self, piece: 'ViewGraph', link: Constraint) -> None:
+        """Append the views of another graph, of which the first hangs on a constraint."""
+        first = self.ekf.n
+        self.ekf.augment(link.z, link.R, link.first)
+        self.constraints.append(link)
+        for c in piece.constraints:
+            moved = Constraint(c.first + first, c.second + first, c.z, c.R)
+            if moved.second == self.ekf.n:
+                self.ekf.augment(c.z, c.R, moved.first)
+            else:
+                self.ekf.update(moved)
+            self.constraints.append(moved)
+        self.clouds += piece.clouds
+        self.centres += piece.centres
+        self.stamps += piece.stamps
+        scans = [replace(scan, view=scan.view + first) for scan in piece.scans]
+        self.scans.extend(scans, place(scans, self.ekf.poses))
+        for stamp, view, pose in zip(piece.trail.stamps, piece.trail.views, piece.trail.poses,
+                                     strict=True):
+            self.trail.append(float(stamp), int(view) + first, pose)
+
+    def chain(self, view: int) -> range:
+        """Return the views that follow one another, with a view among them."""
+        begins = self.ekf.begins
+        after = int(np.searchsorted(begins, view, side='right'))
+        return range(int(begins[after - 1]),
+                     int(begins[after]) if after < len(begins) else self.ekf.n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,32 +73,41 @@ class Checkpoint:
     """
     What a later run can go on from.
 
-    A copy of the graph but for the filter, whose mean is poses (n, 3) and whose covariance
-    follows from the constraints; and the tracker's state.
+    poses (n, 3), stamps (n,) [s] and clouds of the views; the constraints, by age, from which
+    their covariance follows; the scans kept for the map; the trail (m, 5): see `Trail`; the views
+    whose loops are to be closed; the view that the robot was tracked from, and the tracker's
+    state; which map it is.
     """
 
-    graph: ViewGraph
     poses: Array
+    stamps: Array
+    clouds: Sequence[Cloud]
+    constraints: Sequence[Constraint]
+    scans: Sequence[MapScan]
+    trail: Array
+    to_close: Sequence[int]
+    view: int
     tracker: TrackerState
+    epoch: Epoch = Epoch()
 
     @classmethod
-    def of(cls, graph: ViewGraph, tracker: TrackerState) -> 'Checkpoint':
+    def of(cls, graph: ViewGraph, view: int, tracker: TrackerState) -> 'Checkpoint':
         """Copy what is appended to; records and clouds themselves never change."""
-        g = graph
-        copied = ViewGraph(DelayedStateEkf(), list(g.clouds), list(g.centres), list(g.stamps),
-                           list(g.constraints), list(g.scans), list(g.track), deque(g.to_close),
-                           g.epoch)
-        return cls(copied, g.ekf.poses.copy(), tracker)
+        return cls(graph.ekf.poses.copy(), np.array(graph.stamps), tuple(graph.clouds),
+                   tuple(graph.constraints), graph.scans.copy(), graph.trail.rows.copy(),
+                   tuple(graph.to_close), view, tracker, graph.epoch)
 
-    def resumed(self) -> ViewGraph:
+    def graph(self) -> ViewGraph:
         """Return a graph to go on with: every constraint passes the filter again, in order."""
-        ekf, graph = DelayedStateEkf(), replace(self.graph)
+        ekf, scans = DelayedStateEkf(), MapScans()
         ekf.augment(np.zeros(3), np.zeros((3, 3)))
-        for constraint in graph.constraints:
+        for constraint in self.constraints:
             if constraint.second == ekf.n:
                 ekf.augment(constraint.z, constraint.R, constraint.first)
             else:
                 ekf.update(constraint)
         ekf.relinearise(self.poses)
-        graph.ekf = ekf
-        return graph
+        scans.extend(self.scans, place(self.scans, self.poses))
+        return ViewGraph(ekf, list(self.clouds), [centre(cloud) for cloud in self.clouds],
+                         self.stamps.tolist(), list(self.constraints), scans, Trail(self.trail),
+                         deque(self.to_close), self.epoch)

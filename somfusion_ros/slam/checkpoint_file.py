@@ -1,137 +1,166 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A checkpoint of one robot's SLAM in a file, so that a robot goes on with its map after a restart.
+Checkpoints of one robot's SLAM in a journal: a robot goes on with its map after a restart.
 
-An npz of numbers only. It is written beside its place and then put there in one step: whenever
-the power goes, the file is either the old one or the new one.
+What did not change since the last checkpoint is not written again. Where a record is damaged, its
+view loses its surface, or its constraint is made of the poses; the map stays.
 """
 
-from collections import deque
-from collections.abc import Sequence
-import os
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
-import zlib
 
 import numpy as np
 from somfusion_ros.geometry import Array
-from somfusion_ros.slam.checkpoint import Checkpoint, ViewGraph
+from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.checkpoint_reader import assemble
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
-from somfusion_ros.slam.loops import centre
-from somfusion_ros.slam.mapping import MapScan
+from somfusion_ros.slam.journal import Journal, packed
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
-from somfusion_ros.slam.tracker_state import TrackerState
 
-VERSION = 5
-PARTS = {'surface': ('points', 'normals'), 'beams': ('ends', 'reach', 'hit')}   # of a cloud
-TRACKER = 'tracker_'
-DAMAGED = (BadZipFile, zlib.error, EOFError, KeyError, ValueError, IndexError, TypeError)
+WASTE = 2        # the file is written anew once it is so many times as long as what it holds
+LEAST = 1 << 22  # [bytes] below which it is not
+
+
+class CheckpointFile:
+    """A file that this process keeps its checkpoints in; raises JournalInUse, OSError."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path).expanduser()
+        if self.path.is_dir():
+            raise IsADirectoryError(f'{self.path} is a directory')
+        self._journal = Journal(self.path)
+        self._whole = 0                # length [bytes] of the file when it was written anew
+        self._forget()
+
+    def load(self) -> tuple[Checkpoint, int]:
+        """
+        Return the newest checkpoint, and how many stretches of the file are damaged.
+
+        FileNotFoundError where there is no file; ValueError, naming it, where nothing in it can
+        be used.
+        """
+        return _read(self.path)
+
+    def save(self, checkpoint: Checkpoint) -> int:
+        """Write what changed and return its length [bytes]; OSError where the disk is full."""
+        new = self._changes(checkpoint)
+        if not self._whole or self._journal.size > max(LEAST, WASTE * self._whole):
+            self._forget()
+            data = b''.join(self._changes(checkpoint))
+            self._journal.replace(data)
+            self._whole = len(data)
+        else:
+            data = b''.join(new)
+            self._journal.append(data)
+        self._remember(checkpoint)
+        return len(data)
+
+    def delete(self) -> None:
+        """Delete the file, so that no later run goes on from it."""
+        self._journal.delete()
+        self._forget()
+
+    def close(self) -> None:
+        """Let another process have the file."""
+        self._journal.close()
+
+    def _forget(self) -> None:
+        """Hold nothing as written."""
+        self._whole = 0
+        self._views = self._constraints = self._trail = 0
+        self._trail_end = np.inf        # stamp [s] of the trail's last row
+        self._scans: dict[MapScan, int] = {}
+        self._next_scan = 0
+
+    def _remember(self, checkpoint: Checkpoint) -> None:
+        """Hold a checkpoint as written."""
+        self._views, self._constraints = len(checkpoint.clouds), len(checkpoint.constraints)
+        self._trail = len(checkpoint.trail)
+        self._trail_end = float(checkpoint.trail[-1, 0]) if self._trail else np.inf
+        for scan in checkpoint.scans:
+            if scan not in self._scans:
+                self._scans[scan] = self._next_scan
+                self._next_scan += 1
+        kept = set(checkpoint.scans)
+        self._scans = {scan: n for scan, n in self._scans.items() if scan in kept}
+
+    def _changes(self, c: Checkpoint) -> list[bytes]:
+        """Return the records that take what is written to a checkpoint."""
+        made = [_view(k, c.stamps[k], c.clouds[k]) for k in range(self._views, len(c.clouds))]
+        made += [_constraint(k, c.constraints[k])
+                 for k in range(self._constraints, len(c.constraints))]
+        new = [scan for scan in c.scans if scan not in self._scans]
+        made += [_map_scan(self._next_scan + k, scan) for k, scan in enumerate(new)]
+        kept = set(c.scans)
+        gone = [n for scan, n in self._scans.items() if scan not in kept]
+        if gone:
+            made.append(packed('drop', {'numbers': np.array(gone)}))
+        made += self._trail_changes(c.trail)
+        state = {'poses': c.poses, 'view': np.array(c.view),
+                 'to_close': np.array(c.to_close, int),
+                 'epoch': np.frombuffer(str(c.epoch).encode(), np.uint8)}
+        return [*made, packed('now', {**state, **c.tracker.arrays()})]
+
+    def _trail_changes(self, trail: Array) -> list[bytes]:
+        """Return the record of the trail's new rows, of all where it was thinned."""
+        n = self._trail
+        grown = n and len(trail) >= n and trail[n - 1, 0] == self._trail_end
+        first = n if grown else 0
+        return [packed('path', {'first': np.array(first), 'rows': trail[first:]})]
 
 
 def save_checkpoint(path: str | Path, checkpoint: Checkpoint) -> None:
-    """Write a checkpoint with at least one view; clouds are kept in single precision (0.01 mm)."""
-    path = Path(path)
-    graph = checkpoint.graph
-    clouds = {id(c): c for c in (*graph.clouds, *(s.cloud for s in graph.scans))}
-    place = {key: index for index, key in enumerate(clouds)}
-    views, hung = [s.view for s in graph.scans], [s.T_view_base for s in graph.scans]
-    arrays: dict[str, Any] = {
-        'version': np.array(VERSION), 'poses': checkpoint.poses,
-        'stamps': np.array(graph.stamps),
-        'constraints': np.array([(c.first, c.second) for c in graph.constraints],
-                                int).reshape(-1, 2),
-        'z': np.array([r.z for r in graph.constraints]).reshape(-1, 3),
-        'R': np.array([r.R for r in graph.constraints]).reshape(-1, 3, 3),
-        'scan_views': np.array(views, int), 'scan_poses': np.array(hung).reshape(-1, 3),
-        'scan_clouds': np.array([place[id(s.cloud)] for s in graph.scans], int),
-        'track': np.array([(t, view, *pose) for t, view, pose in graph.track]).reshape(-1, 5),
-        'to_close': np.array(graph.to_close, int),
-        'epoch': np.frombuffer(str(graph.epoch).encode(), np.uint8),
-        'origins': np.array([c.outline.origin for c in clouds.values()]).reshape(-1, 2),
-        **_packed(list(clouds.values())),
-        **{f'{TRACKER}{name}': value for name, value in checkpoint.tracker.arrays().items()}}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f'{path.name}.new')
-    with beside.open('wb') as file:
-        np.savez(file, **arrays)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(beside, path)
+    """Write a checkpoint to a file of its own."""
+    file = CheckpointFile(path)
+    try:
+        file.save(checkpoint)
+    finally:
+        file.close()
 
 
 def load_checkpoint(path: str | Path) -> Checkpoint:
     """
-    Read a checkpoint.
+    Read the newest checkpoint of a file.
 
-    FileNotFoundError where there is none; ValueError, naming the file, where it cannot be used.
+    FileNotFoundError where there is none; ValueError, naming the file, where nothing in it can be
+    used.
     """
+    return _read(Path(path).expanduser())[0]
+
+
+def _read(path: Path) -> tuple[Checkpoint, int]:
+    """Return the newest checkpoint, and how many stretches of the file are damaged."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        if int(arrays['version']) != VERSION:
-            raise ValueError(f'it has version {arrays["version"]}, this is {VERSION}')
-        return _checkpoint(arrays)
-    except DAMAGED as error:
+        return assemble(path.read_bytes())
+    except ValueError as error:
         raise ValueError(f'{path}: not a usable checkpoint ({error})') from error
 
 
-def _checkpoint(a: dict[str, Any]) -> Checkpoint:
-    """Assemble a checkpoint; raise one of DAMAGED where the arrays do not fit."""
-    if not all(np.isfinite(value).all() for value in a.values()):
-        raise ValueError('it holds what is no number')
-    n, clouds = len(a['poses']), _unpacked(a)
-    if not (0 < n == len(a['stamps']) <= len(clouds) and len(a['track'])
-            and len(a['constraints']) >= n - 1):
-        raise ValueError(f'{n} views do not fit the rest')
-    indices = [(a['constraints'], n), (a['scan_views'], n), (a['scan_clouds'], len(clouds)),
-               (a['track'][:, 1], n), (a['to_close'], n)]
-    if any((values < 0).any() or (values >= limit).any() for values, limit in indices):
-        raise ValueError('it refers to what it does not hold')
-    graph = ViewGraph(
-        clouds=clouds[:n], centres=[centre(cloud) for cloud in clouds[:n]],
-        stamps=a['stamps'].tolist(),
-        constraints=[Constraint(int(i), int(j), z, R) for (i, j), z, R
-                     in zip(a['constraints'], a['z'], a['R'], strict=True)],
-        scans=[MapScan(int(view), pose, clouds[cloud]) for view, pose, cloud in
-               zip(a['scan_views'], a['scan_poses'], a['scan_clouds'], strict=True)],
-        track=[(float(row[0]), int(row[1]), row[2:]) for row in a['track']],
-        to_close=deque(a['to_close'].tolist()),
-        epoch=_epoch(a['epoch'].tobytes()))
-    tracker = TrackerState.from_arrays({name.removeprefix(TRACKER): value for name, value
-                                        in a.items() if name.startswith(TRACKER)})
-    return Checkpoint(graph, a['poses'], tracker)
+def _view(k: int, stamp: float, cloud: Cloud) -> bytes:
+    """Return the record of a view; surfaces are kept in single precision (0.01 mm)."""
+    return packed('view', {'k': np.array(k), 'stamp': np.array(stamp),
+                           'points': cloud.points.astype(np.float32),
+                           'normals': cloud.normals.astype(np.float32),
+                           'scatter': np.array([cloud.noise, cloud.spacing]),
+                           **_outline(cloud.outline)})
 
 
-def _epoch(text: bytes) -> Epoch:
-    """Read which map it is; one that was made offline has no start."""
-    return Epoch() if text == str(Epoch()).encode() else Epoch.parse(text.decode())
+def _constraint(k: int, constraint: Constraint) -> bytes:
+    """Return the record of a constraint."""
+    return packed('pair', {'k': np.array(k),
+                           'views': np.array([constraint.first, constraint.second]),
+                           'z': constraint.z, 'R': constraint.R})
 
 
-def _packed(clouds: Sequence[Cloud]) -> dict[str, Array]:
-    """Concatenate the parts of all clouds, with the length of each."""
-    packed = {}
-    for whole, parts in PARTS.items():
-        owners = [cloud if whole == 'surface' else cloud.outline for cloud in clouds]
-        for part in parts:
-            every = [getattr(owner, part) for owner in owners]
-            packed[part] = np.concatenate(every).astype(np.float32)
-        packed[f'{whole}_lengths'] = np.array([len(one) for one in every], int)
-    return packed
+def _map_scan(number: int, scan: MapScan) -> bytes:
+    """Return the record of a scan kept for the map."""
+    return packed('scan', {'n': np.array(number), 'view': np.array(scan.view),
+                           'pose': scan.T_view_base, **_outline(scan.outline)})
 
 
-def _unpacked(a: dict[str, Any]) -> list[Cloud]:
-    """Split what `_packed` has concatenated."""
-    split = []
-    for whole, parts in PARTS.items():
-        ends = np.cumsum(a[f'{whole}_lengths'])
-        for part in parts:
-            if len(a[part]) != (ends[-1] if len(ends) else 0):
-                raise ValueError(f'{part} do not fit their lengths')
-            split.append(np.split(a[part].astype(float), ends[:-1]))
-    return [Cloud(points, normals, Outline(ends, reach, hit > 0.5, origin))
-            for points, normals, ends, reach, hit, origin in zip(*split, a['origins'],
-                                                                 strict=True)]
+def _outline(outline: Outline) -> dict[str, Array]:
+    """Return the arrays of an outline."""
+    return {'ends': outline.ends.astype(np.float32), 'reach': outline.reach.astype(np.float32),
+            'hit': np.packbits(outline.hit), 'origin': outline.origin}

@@ -4,56 +4,87 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from threading import Lock
 from typing import Any
+from weakref import ref
 
 from somfusion_ros.slam.checkpoint import Checkpoint
-from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
+from somfusion_ros.slam.checkpoint_file import CheckpointFile
 from somfusion_ros.slam.slam import Slam
 
 
 class CheckpointKeeper:
-    """One checkpoint file; an empty path keeps nothing. Times are of a steady clock [s]."""
+    """
+    One checkpoint file; an empty path keeps nothing. Times are of a steady clock [s].
+
+    Raises OSError, with a sentence, where the path is a directory or another process has the
+    file.
+    """
 
     def __init__(self, path: str, interval: float, count: Callable[..., None],
                  say: Callable[[str], Any]) -> None:
-        self._path = Path(path).expanduser() if path else None
+        self._file = CheckpointFile(Path(path)) if path else None
         self._interval, self._count, self._say = interval, count, say
+        self._lock = Lock()           # of the file: a reset waits for a write, and is not undone
         self._due = 0.0
         self._kept: Any = None
+        self._forgotten: Callable[[], Slam | None] = lambda: None
+        self.fault = ''               # why the last checkpoint could not be kept, '' if it was
 
     def load(self) -> Checkpoint | None:
         """Return the checkpoint to go on from; count a damaged file and put it aside."""
-        if self._path is None:
+        if self._file is None:
             return None
+        path = self._file.path
         try:
-            checkpoint = load_checkpoint(self._path)
-            self._say(f'goes on from {len(checkpoint.poses)} views of {self._path}')
-            return checkpoint
+            checkpoint, damaged = self._file.load()
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             self._count('state_unusable', f'{error}; a new map begins')
-        try:
-            self._path.replace(self._path.with_name(f'{self._path.name}.bad'))
-        except OSError as error:
-            self._count('state_unusable', str(error))
-        return None
+            self._put_aside(path)
+            return None
+        if damaged:
+            self._count('state_damaged', f'{path} is damaged in {damaged} places, which are left '
+                        'out of the map')
+        self._say(f'goes on from {len(checkpoint.poses)} views of {path}')
+        return checkpoint
 
     def keep(self, slam: Slam, step: Any, now: float) -> None:
         """Save if it is time to, and if anything happened: step is the newest."""
-        if self._path is None or step is None or step is self._kept or now < self._due:
+        if self._file is None or step is None or step is self._kept or now < self._due:
             return
-        try:
-            checkpoint = slam.checkpoint()
-            if len(checkpoint.poses):
-                save_checkpoint(self._path, checkpoint)
-            self._kept = step
-        except OSError as error:
-            self._count('state_not_saved', str(error))
+        with self._lock:
+            if slam is self._forgotten():
+                return
+            try:
+                checkpoint = slam.checkpoint()
+                if len(checkpoint.poses):
+                    self._file.save(checkpoint)
+                self._kept, self.fault = step, ''
+            except OSError as error:
+                self.fault = str(error)
+                self._count('state_not_saved', self.fault)
         self._due = now + self._interval
 
-    def forget(self) -> None:
-        """Delete the file, so that no later run goes on from here."""
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)
-        self._kept = None
+    def forget(self, slam: Slam | None = None) -> None:
+        """Delete the file; what this SLAM still has to keep is not kept any more."""
+        with self._lock:
+            if slam is not None:
+                self._forgotten = ref(slam)
+            if self._file is not None:
+                self._file.delete()
+            self._kept = None
+
+    def close(self) -> None:
+        """Let another process have the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def _put_aside(self, path: Path) -> None:
+        """Keep a file that cannot be used under another name."""
+        try:
+            if path.is_file():
+                path.replace(path.with_name(f'{path.name}.bad'))
+        except OSError as error:
+            self._count('state_unusable', str(error))

@@ -92,6 +92,10 @@ class ScaleError:
         positive: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
         return positive
 
+    def forget(self) -> None:
+        """Begin anew where a match alone tells the pose."""
+        self._J, self._known = np.zeros(3), np.zeros(3)
+
     def start_view(self, theta: float) -> None:
         """Go on in the frame of a new view, turned by theta [rad] from the last."""
         self._J = turned(theta) @ self._J

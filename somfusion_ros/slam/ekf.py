@@ -34,7 +34,7 @@ class DelayedStateEkf:
         self._slot = np.full(GROWTH, -1)       # place of each view in P, -1: marginalised
         self._free = list(range(GROWTH))[::-1]
         self._hung = np.zeros((GROWTH, 2, 3))  # marginalised views seen from both anchors
-        self._begins = np.zeros(GROWTH + 1, bool)   # views that do not follow the one before
+        self.parents = np.arange(-1, GROWTH)   # view that each view was added from
 
     @property
     def poses(self) -> Array:
@@ -42,9 +42,11 @@ class DelayedStateEkf:
         return self._x[:self.n]
 
     @property
-    def begins(self) -> NDArray[np.bool_]:
-        """Mask (n,) of the views that do not follow the view before them."""
-        return self._begins[:self.n]
+    def begins(self) -> NDArray[np.intp]:
+        """First views (m,) of the chains of views that follow one another."""
+        begins = self.parents[:self.n] != np.arange(-1, self.n - 1)
+        begins[:1] = True
+        return np.flatnonzero(begins)
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -65,7 +67,7 @@ class DelayedStateEkf:
         column = np.zeros((len(self._P), 3))
         if k > 0:
             view = k - 1 if view is None else view
-            self._begins[k] = view != k - 1
+            self.parents[k] = view
             self._x[k] = compose(self._x[view], T_view_new)
             a, F, G = self._ahead(view, T_view_new)
             column = self._column(a) @ F.T
@@ -86,7 +88,7 @@ class DelayedStateEkf:
     def _is_anchor(self, k: ArrayLike) -> NDArray[np.bool_]:
         """Return whether views k stay in P: every few, and both ends of every chain."""
         k = np.asarray(k)
-        anchors: NDArray[np.bool_] = (self._begins[k] | self._begins[k + 1]
+        anchors: NDArray[np.bool_] = ((self.parents[k] != k - 1) | (self.parents[k + 1] != k)
                                       | (k % self._anchors == 0))
         return anchors
 
@@ -145,7 +147,7 @@ class DelayedStateEkf:
             self._x, self._hung = (np.concatenate([a, np.zeros((more - self.n, *a.shape[1:]))])
                                    for a in (self._x, self._hung))
             self._slot = np.concatenate([self._slot, np.full(more - self.n, -1)])
-            self._begins = np.concatenate([self._begins, np.zeros(more - self.n, bool)])
+            self.parents = np.concatenate([self.parents, np.arange(self.n, more)])
         if not self._free:
             room = len(self._P) // 3
             more = room + max(GROWTH, room // 8)
@@ -217,6 +219,7 @@ class DelayedStateEkf:
         """
         m, old = len(poses), self._x[:self.n].copy()
         self._x[:m] = poses
-        if m < self.n:
-            self._x[m:self.n] = compose(poses[-1], between(old[m - 1], old[m:]))
+        for k in range(m, self.n):
+            parent = self.parents[k]
+            self._x[k] = compose(self._x[parent], between(old[parent], old[k]))
         self._hang(np.flatnonzero(~self.kept))

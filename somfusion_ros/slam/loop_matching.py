@@ -20,7 +20,8 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.correlative import TUNING as SEARCH
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.loops import Candidate, Loop
+from somfusion_ros.slam.loop_trust import Loop
+from somfusion_ros.slam.loops import Candidate
 from somfusion_ros.slam.loops import TUNING as PLACES
 from somfusion_ros.slam.matching import Match, refine, register
 from somfusion_ros.slam.matching import TUNING as MATCHING
@@ -65,19 +66,20 @@ FEWEST = 20                          # points that make a place
 Around = Callable[[int], LocalMap]   # local map of an old view
 
 
-def local_map(old: int, newest: int, poses: Array, clouds: Sequence[Cloud]) -> LocalMap:
-    """Return the local map around an old view, in its frame, of views up to `newest`."""
-    near = range(max(0, old - TUNING.neighbours), min(newest, old + TUNING.neighbours) + 1)
+def local_map(old: int, chain: range, poses: Array, clouds: Sequence[Cloud]) -> LocalMap:
+    """Local map around an old view, in its frame, of views of its chain."""
+    near = range(max(chain.start, old - TUNING.neighbours),
+                 min(chain.stop, old + TUNING.neighbours + 1))
     return LocalMap.of_views([clouds[k] for k in near], list(between(poses[old], poses[near])))
 
 
-def recent(new: int, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
+def recent(new: int, chain: range, poses: Array, clouds: Sequence[Cloud]) -> Cloud:
     """
-    Join what the newest views saw, in the frame of view `new`.
+    Join what the newest views of a chain saw, in the frame of view `new`.
 
     One scan of a short-range laser shows too little to know a place by.
     """
-    near = range(max(0, new - TUNING.recent_views + 1), new + 1)
+    near = range(max(chain.start, new - TUNING.recent_views + 1), new + 1)
     seen = LocalMap.of_views([clouds[k] for k in near], list(between(poses[new], poses[near])))
     squares = np.floor(seen.points / TUNING.thinning).astype(int) @ (1 << 20, 1)
     _, first = np.unique(squares, return_index=True)

@@ -1,17 +1,10 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Loop closure: which old places to try, and which matches to believe.
+Loop closure: which old places to try.
 
 A candidate is an old view whose surface should lie near the new view's, by the filter's own
-uncertainty. A loop must pass the chi-square gate on its innovation, unless the filter is sure:
-it may be surer than it should be. Then, and where it is unsure, other loops found near must agree
-before any of them is trusted.
-
-Where places look alike, loops that are all shifted to the next one agree as well. So while the
-uncertainty is large, a loop counts only if it fits nowhere else that the robot may be, and those
-that agree must span as much travel as the robot may be off: if it has not yet come to the place,
-the right loop would show itself by then.
+uncertainty.
 """
 
 from dataclasses import dataclass, replace
@@ -19,8 +12,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.geometry import (apply, Array, between, compose, inverse, squared_mahalanobis,
-                                    wrap)
+from somfusion_ros.geometry import apply, Array, squared_mahalanobis
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
@@ -29,7 +21,7 @@ from somfusion_ros.slam.scan import Cloud
 
 @dataclass(frozen=True)
 class LoopTuning:
-    """Which old places are tried, and when a loop is believed (doc/slam.md)."""
+    """Which old places are tried (doc/slam.md)."""
 
     candidates: int = tuned(
         2, 'passes', 'old ones that a new view is matched against', 'shared logs')
@@ -41,21 +33,6 @@ class LoopTuning:
         (0.25, 0.06), 'm, rad',
         'sigma up to which a match that passes the gate is believed at once',
         'benchmarks/slam/look_alikes.py')
-    partners: int = tuned(
-        2, 'loops', 'must agree with one found from afar', 'benchmarks/slam/look_alikes.py')
-    partners_near: int = tuned(
-        1, 'loop', 'must agree with one that the filter is surer of than it should be',
-        'benchmarks/slam/look_alikes.py')
-    agree: tuple[float, float] = tuned(
-        (0.25, 0.05), 'm, rad', 'between two agreeing loops, plus what the odometry drifts',
-        'shared logs')
-    drift: tuple[float, float] = tuned(
-        (0.02, 0.005), 'share, rad/m',
-        'of the travel between two agreeing loops, that the odometry drifts', 'shared logs')
-    recent: int = tuned(
-        60, 'views', 'within which loops are compared', 'not measured')
-    spanned: float = tuned(
-        3.0, 'sigmas', 'of travel that agreeing loops span', 'benchmarks/slam/look_alikes.py')
     chi2: float = tuned(
         16.3, 'squared sigmas', '99.9 % of chi-square with 3 degrees of freedom', 'by design')
     place: float = tuned(
@@ -71,6 +48,14 @@ class Estimate(Protocol):
     @property
     def poses(self) -> Array:
         """View poses T_map_view (n, 3)."""
+
+    @property
+    def parents(self) -> NDArray[np.intp]:
+        """View that each view was added from, at least (n,)."""
+
+    @property
+    def begins(self) -> NDArray[np.intp]:
+        """First views (m,) of the chains of views that follow one another."""
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -104,22 +89,6 @@ class Candidate:
         return bool((self.sigma[:2] < TUNING.sure[0]).all() and self.sigma[2] < TUNING.sure[1])
 
 
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """
-    A matched candidate: the constraint, and how well it agrees.
-
-    It needs partners unless the filter was sure already, of which sigma [m] is the larger of two;
-    it is unique if the view fits nowhere else nearly as well.
-    """
-
-    constraint: Constraint
-    agreement: float
-    sure: bool
-    sigma: float = 0.0
-    unique: bool = True
-
-
 def centre(cloud: Cloud) -> Array:
     """Return the median point (2,) [m] of what a view saw, in its base frame."""
     return np.median(cloud.points, axis=0) if len(cloud) else np.zeros(2)
@@ -140,7 +109,7 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
     seen = _seen(poses[:last], centres[:last])
     distance = np.hypot(*(seen - apply(poses[new], centres[new][None])).T)
     distance += 0.5 * np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
-    distance[~ekf.kept[:last]] = np.inf
+    distance[~ekf.kept[:last] | _inherited(new, last, ekf, config)] = np.inf
     farthest = config.loop_search_distance + TUNING.farthest
     chosen: list[Candidate] = []
     for old in np.argsort(distance, kind='stable'):
@@ -156,6 +125,21 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
             abs(span - c.old) >= config.loop_minimum_gap // 2 for c in chosen):
         chosen.append(replace(_candidate(span, new, ekf), tie=True))
     return [c if c.sure else replace(c, elsewhere=_elsewhere(c, new, last, ekf)) for c in chosen]
+
+
+def _inherited(new: int, last: int, ekf: Estimate, config: SlamConfig) -> NDArray[np.bool_]:
+    """
+    Mask (last,) of the views that view `new` was matched against not long ago.
+
+    A loop with them would count the same match twice. Where its chain has begun of late, they are
+    those around the view that the chain was begun from.
+    """
+    inherited = np.zeros(last, bool)
+    begun = int(ekf.begins[np.searchsorted(ekf.begins, new, side='right') - 1])
+    if 0 < begun and new - begun < config.loop_minimum_gap:
+        parent, gap = int(ekf.parents[begun]), config.loop_minimum_gap
+        inherited[max(0, parent - gap):parent + gap + 1] = True
+    return inherited
 
 
 def _elsewhere(candidate: Candidate, new: int, last: int, ekf: Estimate
@@ -194,54 +178,3 @@ def _seen(poses: Array, centres: Array) -> Array:
     seen: Array = poses[:, :2] + np.column_stack([c * centres[:, 0] - s * centres[:, 1],
                                                   s * centres[:, 0] + c * centres[:, 1]])
     return seen
-
-
-class LoopClosure:
-    """Holds loops back until they are trusted."""
-
-    def __init__(self, config: SlamConfig) -> None:
-        self._config = config
-        self._pending: list[Loop] = []
-
-    def trusted(self, loop: Loop, ekf: Estimate) -> list[Constraint]:
-        """Return the constraints that may enter the filter: this loop, and those it confirms."""
-        y, S = ekf.innovation(loop.constraint)
-        possible = squared_mahalanobis(y, S) < TUNING.chi2
-        if loop.sure and possible:
-            return [loop.constraint]
-        self._pending = [p for p in self._pending
-                         if loop.constraint.second - p.constraint.second <= TUNING.recent]
-        if not loop.unique or not (loop.sure or possible):
-            return []
-        partners = [p for p in self._pending if agree(p.constraint, loop.constraint, ekf)]
-        self._pending.append(loop)
-        together = [*partners, loop]
-        if (len(partners) < (TUNING.partners_near if loop.sure else TUNING.partners)
-                or not (loop.sure or _far_enough(together, ekf))):
-            return []
-        self._pending = [p for p in self._pending if p not in together]
-        return [p.constraint for p in together]
-
-
-def _far_enough(loops: list[Loop], ekf: Estimate) -> bool:
-    """Return whether the loops span so much travel that a right place would have shown itself."""
-    seconds = [loop.constraint.second for loop in loops]
-    return (_travel(min(seconds), max(seconds), ekf.poses)
-            >= TUNING.spanned * max(loop.sigma for loop in loops))
-
-
-def _travel(first: int, last: int, poses: Array) -> float:
-    """Return the length [m] of the path through poses (n, 3) from one view to another."""
-    return float(np.hypot(*np.diff(poses[first:last + 1, :2], axis=0).T).sum())
-
-
-def agree(a: Constraint, b: Constraint, ekf: Estimate) -> bool:
-    """Return whether two loops and the robot's path between them close to a ring."""
-    if max(a.second, b.second) - min(a.second, b.second) < 1:
-        return False
-    poses = ekf.poses
-    around = compose(compose(a.z, between(poses[a.second], poses[b.second])),
-                     inverse(compose(between(poses[a.first], poses[b.first]), b.z)))
-    travel = _travel(a.second, b.second, poses)
-    return bool(np.hypot(around[0], around[1]) < TUNING.agree[0] + TUNING.drift[0] * travel
-                and abs(wrap(around[2])) < TUNING.agree[1] + TUNING.drift[1] * travel)

@@ -8,6 +8,7 @@ to [-1, 1] (section II-B). A beam that passes within a cell of a surface which t
 says nothing there: along a corridor it would wipe out the wall that it grazes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
 from somfusion_ros.grid import Grid, MAX_CELLS
 from somfusion_ros.settings import tuned
-from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.slam.free_space import Outline
+from somfusion_ros.slam.map_scans import MapScan
 
 
 @dataclass(frozen=True)
@@ -37,17 +39,12 @@ SUB = 4       # binary digits of a cell in the polygon fill
 MARGIN = 64   # cells added when the map grows
 
 
-@dataclass(frozen=True, eq=False)
-class MapScan:
-    """A scan kept for the map: the view it hangs on, T_view_base (3,), and what it saw."""
-
-    view: int
-    T_view_base: Array
-    cloud: Cloud
-
-
 class Mapper:
-    """Renders scans; only new ones while old poses stand still, all anew once they moved."""
+    """
+    Renders scans; only new ones while old poses stand still, all anew once they moved.
+
+    A scan that is not kept any more stays drawn until then, under what is drawn over it.
+    """
 
     def __init__(self, resolution: float) -> None:
         self.resolution = resolution
@@ -56,22 +53,20 @@ class Mapper:
     def _clear(self) -> None:
         self._cells = np.zeros((0, 0), np.float32)
         self._corner = np.zeros(2, np.intp)      # column, row of cell (0, 0) on the map's lattice
-        self._rendered = np.zeros((0, 3))
+        self._rendered: dict[Outline, Array] = {}   # pose (3,) at which each was drawn
 
-    def render(self, scans: list[MapScan], views: Array) -> Grid:
-        """Draw scans at their views' poses (n, 3); return the map in the map frame."""
-        poses = place(scans, views)
-        done = len(self._rendered)
-        if done > len(poses) or self._moved(poses[:done]):
+    def render(self, scans: Sequence[MapScan], views: Array) -> Grid:
+        """Draw scans, by age, at their views' poses (n, 3); return the map in the map frame."""
+        poses = dict(zip([scan.outline for scan in scans], place(scans, views), strict=True))
+        if self._moved(poses):
             self._clear()
-            done = 0
-        if len(poses) > done:
-            self._grow(np.array([_bounds(apply(p, s.cloud.outline.rim))
-                                 for s, p in zip(scans[done:], poses[done:], strict=True)]))
-            for scan, pose in zip(scans[done:], poses[done:], strict=True):
-                seen = scan.cloud.outline
-                self._draw(*(apply(pose, part) for part in (seen.rim, seen.hits, seen.walls)))
-            self._rendered = poses
+        new = [outline for outline in poses if outline not in self._rendered]
+        rims = [apply(poses[outline], outline.rim) for outline in new]
+        if new:
+            self._grow(np.array([_bounds(rim) for rim in rims]))
+        for seen, rim in zip(new, rims, strict=True):
+            self._draw(rim, *(apply(poses[seen], part) for part in (seen.hits, seen.walls)))
+        self._rendered = {seen: self._rendered.get(seen, pose) for seen, pose in poses.items()}
         return self.grid()
 
     def grid(self) -> Grid:
@@ -81,9 +76,12 @@ class Mapper:
         x, y = self._corner * self.resolution
         return Grid(self._cells.copy(), self.resolution, Pose(x, y, 0.0))
 
-    def _moved(self, poses: Array) -> bool:
+    def _moved(self, poses: dict[Outline, Array]) -> bool:
         """Return whether a drawn scan now lies half a cell or a degree from where it was drawn."""
-        d = poses - self._rendered
+        both = poses.keys() & self._rendered.keys()
+        if 2 * len(both) < len(self._rendered):
+            return True      # most of it is another map's
+        d = np.array([poses[seen] - self._rendered[seen] for seen in both]).reshape(-1, 3)
         return bool((np.abs(d[:, :2]) > 0.5 * self.resolution).any()
                     or (np.abs(wrap(d[:, 2])) > 0.01).any())
 
@@ -131,8 +129,8 @@ class Mapper:
         window[rows, columns] = np.maximum(window[rows, columns] - TUNING.hit, -1.0)
 
 
-def place(scans: list[MapScan], views: Array) -> Array:
-    """Return the poses T_map_base (n, 3) of scans that hang on views (m, 3)."""
+def place(scans: Sequence[MapScan], views: Array) -> Array:
+    """Poses T_map_base (n, 3) of scans that hang on views (m, 3)."""
     if not scans:
         return np.zeros((0, 3))
     return compose(views[[s.view for s in scans]], np.array([s.T_view_base for s in scans]))

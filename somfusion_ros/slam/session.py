@@ -23,6 +23,7 @@ from somfusion_ros.slam.pairing import continued, Paired, Pairing
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.scan_queue import MAX_WAITING
 from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
 
 REASONS = {
@@ -47,12 +48,13 @@ class Session:
     background : loops are closed by another thread, see `Slam`
     capacity : scans that may wait at once
     start : name of this start, of which no other robot and no other start has the same
+    how : how the run starts in the checkpoint's map
 
     """
 
     def __init__(self, config: SlamConfig, timeout: float, count: Callable[..., None],
                  checkpoint: Checkpoint | None = None, background: bool = True,
-                 capacity: int = MAX_WAITING, start: str = '') -> None:
+                 capacity: int = MAX_WAITING, start: str = '', how: Start = Start()) -> None:
         self._config, self._timeout, self._count = config, timeout, count
         self._background, self._capacity = background, capacity
         self._lock = RLock()
@@ -64,7 +66,7 @@ class Session:
         self._resumed: bool
         self.reset()
         if checkpoint is not None:
-            self._resume(checkpoint)
+            self._resume(checkpoint, how)
 
     @property
     def pairing(self) -> Pairing:
@@ -129,10 +131,10 @@ class Session:
             self._count(step.reason, REASONS.get(step.reason, 'a scan was not used as it should'))
         return paired.tag, step
 
-    def _resume(self, checkpoint: Checkpoint) -> None:
+    def _resume(self, checkpoint: Checkpoint, how: Start) -> None:
         """Go on from a checkpoint of an earlier run."""
         self.slam = Slam(self._config, background=self._background, checkpoint=checkpoint,
-                         epoch=self.slam.epoch)
+                         epoch=self.slam.epoch, start=how)
         self._last_stamp, odometry = self.slam.last_stamp, checkpoint.tracker.odometry
         self._last_pose = None if odometry is None else odometry.pose
         self._resumed = True

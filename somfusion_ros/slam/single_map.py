@@ -2,99 +2,80 @@
 # SPDX-License-Identifier: Apache-2.0
 """One map that grows without a break: motion, matching, EKF, loop closure, in that order."""
 
-from collections import Counter
-from dataclasses import dataclass
-from functools import partial
+from collections import Counter, deque
+from collections.abc import Sequence
 from threading import Lock
 
 import numpy as np
-from somfusion_ros.geometry import Array, between, compose, inverse, Pose
-from somfusion_ros.settings import tuned
-from somfusion_ros.slam import loop_matching, loops, smoothing
+from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
+                                    inverse, Pose)
+from somfusion_ros.slam import loops, places
 from somfusion_ros.slam.checkpoint import Checkpoint, ViewGraph
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.mapping import MapScan
+from somfusion_ros.slam.loop_closer import LoopCloser
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.step import Step
-from somfusion_ros.slam.tracking import Track, Tracker
+from somfusion_ros.slam.track import Track
+from somfusion_ros.slam.tracking import Tracker
+from somfusion_ros.slam.view_tuning import TUNING
 
 
-@dataclass(frozen=True)
-class ViewTuning:
-    """When a view is kept."""
-
-    lost_travel: float = tuned(
-        4.0, 'views', "a lost robot keeps matching against its last views for so many views' "
-        'travel before it keeps a new one', 'mit-csail')
-
-
-TUNING = ViewTuning()
+LOOSE = np.diag([10.0, 10.0, 1.0]) ** 2   # of a piece of map before its match
 
 
 class SingleMap:
     """
     EKF SLAM over past view poses.
 
-    `follow` is the scan path: its time does not depend on how many views there are. `work`
-    closes loops and may run in another thread; the lock guards the graph.
+    `follow` is the scan path: its time does not depend on how many views there are. Loops are
+    closed by `closer.work`, which may run in another thread; the lock guards the graph.
     """
 
-    def __init__(self, config: SlamConfig, counters: Counter[str]) -> None:
+    grows = True
+
+    def __init__(self, config: SlamConfig, counters: Counter[str],
+                 checkpoint: Checkpoint | None = None) -> None:
         self.config, self.counters = config, counters
         self.lock = Lock()
-        self.graph = ViewGraph()
+        self.graph = checkpoint.graph() if checkpoint else ViewGraph()
         self.tracker = Tracker(config)
-        self.closure = loops.LoopClosure(config)
+        self.closer = LoopCloser(self.graph, self.lock, config, counters)
         self.last: Step | None = None
-        self._moved = 0.0              # [m] that loops moved the poses since the last re-solving
+        self._blind = 0                        # scans since the last match
+        self.astray = False                    # the robot is not where it seems to be
+        self._at = -1                          # view that the tracker's pose is relative to
+        self._around: list[int] = []           # views that it matches against, by age
+        self._fresh: deque[int] = deque(maxlen=config.loop_minimum_gap)   # added lately
+        self._drawn_at = np.zeros(3)           # pose of the newest scan kept for the map
+        if checkpoint is not None:
+            self._resume(checkpoint)
 
     def configure(self, config: SlamConfig) -> None:
         """Change the parameters."""
         with self.lock:
-            self.config = self.tracker.config = config
+            self.config = self.tracker.config = self.closer.config = config
 
     def follow(self, stamp: float, seen: Cloud, odometry: Odometry) -> Step:
         """Follow the robot through one scan."""
         with self.lock:
             track = self.tracker.step(seen, odometry)
-            is_view = self._is_view(track, seen)
+            self._blind = 0 if track.matched or not self.graph.clouds else self._blind + 1
+            is_due = self._is_due(track, seen)
+            self.astray = self._is_astray(is_due)
+            is_view = (is_due and not self.astray and not self._goes_on(track, seen)
+                       and self.grows)
             if is_view:
                 self._add_view(stamp, seen, track)
             return self._record(stamp, seen, odometry, track, is_view)
 
-    def work(self) -> bool:
-        """Try to close one waiting view's loops; return whether there was one."""
-        with self.lock:
-            if not self.graph.to_close:
-                return False
-            new = self.graph.to_close.popleft()
-            graph = self.graph
-            targets = loops.candidates(new, graph.ekf, np.array(graph.centres), self.config)
-            poses = graph.ekf.poses.copy()
-        if targets:
-            self._match_loops(new, targets, poses)
-        self._relinearise()
-        return True
-
-    def _match_loops(self, new: int, targets: list[loops.Candidate], poses: Array) -> None:
-        """Match a view against old places; update the filter by what is trusted."""
-        seen = loop_matching.recent(new, poses, self.graph.clouds)
-        around = partial(loop_matching.local_map, newest=new - self.config.loop_minimum_gap,
-                         poses=poses, clouds=self.graph.clouds)
-        for target in targets:
-            found = loop_matching.match(target, new, seen, around, self.config)
-            if found is None:
-                self.counters['loops_rejected'] += 1
-            else:
-                self._close(found)
-
     def drawn(self) -> tuple[list[MapScan], Array]:
         """Return the scans kept for the map, and the poses (n, 3) of the views they hang on."""
         with self.lock:
-            return list(self.graph.scans), self.graph.ekf.poses.copy()
+            return self.graph.scans.copy(), self.graph.ekf.poses.copy()
 
     def views(self) -> tuple[Array, Array]:
         """Return stamps (n,) and poses T_map_base (n, 3) of the views, corrected by all loops."""
@@ -104,31 +85,29 @@ class SingleMap:
     def trajectory(self) -> tuple[Array, Array]:
         """Return the stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
         with self.lock:
-            if not self.graph.track:
-                return np.zeros(0), np.zeros((0, 3))
-            stamps, views, hung = zip(*self.graph.track, strict=True)
-            return np.array(stamps), compose(self.graph.ekf.poses[list(views)], np.array(hung))
+            trail = self.graph.trail
+            return trail.stamps.copy(), compose(self.graph.ekf.poses[trail.views], trail.poses)
 
     def checkpoint(self) -> Checkpoint:
         """Return what a later run can go on from."""
         with self.lock:
-            return Checkpoint.of(self.graph, self.tracker.state())
+            return Checkpoint.of(self.graph, self._at, self.tracker.state())
 
-    def resume(self, checkpoint: Checkpoint) -> None:
+    def _resume(self, checkpoint: Checkpoint) -> None:
         """Go on where another run ended; the robot may have moved meanwhile."""
-        self.graph = checkpoint.resumed()
+        self._at = checkpoint.view
         self.counters['views'] = len(self.graph.clouds)
-        if self.graph.clouds:
-            self._look_around()
+        self._around = list(self._members(self._at))
+        self.tracker.start_view(self._local_map(self._at, self._around))
         self.tracker.resume(checkpoint.tracker)
-        pose, covariance = self._pose()
+        pose, covariance = self.pose()
         T_odom_base = checkpoint.tracker.odometry.pose if checkpoint.tracker.odometry else Pose()
         T_map_odom = compose(pose, inverse(T_odom_base))
-        self.last = Step(self.graph.track[-1][0], Pose.from_array(pose), covariance,
+        self.last = Step(float(self.graph.trail.stamps[-1]), Pose.from_array(pose), covariance,
                          Pose.from_array(T_map_odom), True, False, 0.0, False, '')
 
-    def _is_view(self, track: Track, seen: Cloud) -> bool:
-        """Return whether a scan becomes a view: the first usable, then one per minimum travel."""
+    def _is_due(self, track: Track, seen: Cloud) -> bool:
+        """Return whether a view is due: with the first usable scan, then per minimum travel."""
         if not self.graph.clouds:
             return len(seen) > 0
         x, y, theta = track.T_view_base
@@ -138,21 +117,101 @@ class SingleMap:
 
     def _add_view(self, stamp: float, seen: Cloud, track: Track) -> None:
         """Add the current pose to the filter, and match against what it saw from now on."""
-        new = self.graph.ekf.augment(track.T_view_base, track.R)
+        new = self.graph.ekf.augment(track.T_view_base, track.R, self._at)
         if new:
-            self.graph.constraints.append(Constraint(new - 1, new, track.T_view_base, track.R))
+            self.graph.constraints.append(
+                Constraint(self._at, new, track.T_view_base, track.R))
         self.graph.clouds.append(seen)
         self.graph.centres.append(loops.centre(seen))
         self.graph.stamps.append(stamp)
-        self._look_around()
+        self._at = new
+        self._fresh.append(new)
+        self._around = [*self._around, new][-self.config.local_map_views:]
+        self.tracker.start_view(self._local_map(new, self._around))
         self.graph.to_close.append(new)
 
-    def _look_around(self) -> None:
-        """Match against what the last views saw from now on."""
-        first = -self.config.local_map_views
+    def _local_map(self, view: int, around: Sequence[int]) -> LocalMap:
+        """Join what views saw, in the frame of one of them."""
         poses, clouds = self.graph.ekf.poses, self.graph.clouds
-        self.tracker.start_view(LocalMap.of_views(
-            clouds[first:], list(between(poses[-1], poses[first:]))))
+        return LocalMap.of_views([clouds[k] for k in around],
+                                 list(between(poses[view], poses[list(around)])))
+
+    def _members(self, view: int) -> range:
+        """Return the views whose surface an old view is matched with."""
+        return places.members(view, self.graph.chain(view), self.config.local_map_views)
+
+    def _goes_on(self, track: Track, seen: Cloud) -> bool:
+        """Go on from an old view where the place is known; return whether it is."""
+        ekf = self.graph.ekf
+        if not track.matched or self.tracker.lost or not ekf.n:
+            return False
+        usable = np.ones(ekf.n, bool)
+        usable[[self._at, *self._fresh]] = False
+        view = places.nearest(self.pose()[0], ekf.poses, usable, self.config)
+        if view is None:
+            return False
+        expected = places.Expected(view, *self._seen_from(view))
+        found = places.explain(expected, seen, lambda k: self._local_map(k, self._members(k)),
+                               track.inlier_ratio, self.config)
+        if found is None:
+            return False
+        local_map, match = found
+        self._go_on(view, local_map, match.T_map_scan, match.covariance)
+        self.counters['places_known'] += 1
+        return True
+
+    def _go_on(self, view: int, local_map: LocalMap, T_view_base: Array, P: Array) -> None:
+        """Go on from an old view, at a pose (3,) and covariance (3, 3) in it."""
+        self._at, self._around = view, list(self._members(view))
+        self._fresh.clear()
+        self.tracker.go_on(local_map, T_view_base, P)
+
+    def _is_astray(self, is_due: bool) -> bool:
+        """Return whether no match tells any more that the robot is where it seems to be."""
+        if self._blind == 0 or len(self.graph.clouds) < TUNING.known:
+            return False
+        return self._blind >= (TUNING.blind_due if is_due and self.tracker.lost
+                               else TUNING.blind)
+
+    def stand(self, pose: Array, P: Array, tracker: Tracker | None = None) -> None:
+        """Go on at a pose (3,) in the map with covariance (3, 3), and a tracker that knows it."""
+        with self.lock:
+            poses = self.graph.ekf.poses
+            view = int(np.argmin(places.distance(pose, poses, self.config)))
+            tracker = tracker or self.tracker
+            tracker.config, self.tracker, self._blind = self.config, tracker, 0
+            self._go_on(view, self._local_map(view, self._members(view)),
+                        between(poses[view], pose), P)
+
+    def absorb(self, piece: 'SingleMap', view: int, T_map_view: Array, R: Array) -> None:
+        """
+        Join a piece of map whose view lies at a pose (3,), known to R (3, 3), and go on with it.
+
+        The piece is hung loosely first; the match of the view then holds it.
+        """
+        with self.lock, piece.lock:
+            graph, first = self.graph, self.graph.ekf.n
+            T_map_piece = compose(T_map_view, inverse(piece.graph.ekf.poses[view]))
+            kept = np.flatnonzero(graph.ekf.kept)
+            near = places.distance(T_map_view, graph.ekf.poses[kept], self.config)
+            old = int(kept[np.argmin(near)])
+            start = compose(T_map_piece, piece.graph.ekf.poses[0])
+            graph.join(piece.graph, Constraint(
+                old, first, between(graph.ekf.poses[old], start), LOOSE))
+            tie = Constraint(old, first + view, between(graph.ekf.poses[old], T_map_view), R)
+            graph.ekf.update(tie)
+            graph.constraints.append(tie)
+            self.tracker, self._blind = piece.tracker, 0
+            self._at = piece._at + first
+            self._around = [k + first for k in piece._around]
+            self._fresh = deque((k + first for k in piece._fresh), self._fresh.maxlen)
+
+    def _seen_from(self, view: int) -> tuple[Array, Array]:
+        """Pose T_view_base (3,) of the robot as seen from an old view, and covariance (3, 3)."""
+        T_view_at, P = self.graph.ekf.relative(view, self._at)
+        F, G = compose_jacobians(T_view_at, self.tracker.T_view_base)
+        return (compose(T_view_at, self.tracker.T_view_base),
+                F @ P @ F.T + G @ self.tracker.covariance @ G.T)
 
     def _record(self, stamp: float, seen: Cloud, odometry: Odometry, track: Track,
                 is_view: bool) -> Step:
@@ -163,50 +222,27 @@ class SingleMap:
                 self.counters[name] += 1
         hung = self.tracker.T_view_base
         if self.graph.clouds:
-            view = self.graph.ekf.n - 1
-            self.graph.track.append((stamp, view, hung))
-            if is_view or self._adds_to_map(view, hung):
-                self.graph.scans.append(MapScan(view, hung, seen))
-        pose, covariance = self._pose()
+            self.graph.trail.append(stamp, self._at, hung)
+        pose, covariance = self.pose()
+        if self.graph.clouds and self.grows and (
+                is_view or self._adds_to_map(pose) and not self.tracker.lost):
+            self.graph.scans.add(MapScan(self._at, hung, seen.outline), pose)
+            self._drawn_at = pose
         T_map_odom = compose(pose, inverse(odometry.pose))
         self.last = Step(stamp, Pose.from_array(pose), covariance,
                          Pose.from_array(T_map_odom), True, track.matched, track.inlier_ratio,
                          is_view, track.reason)
         return self.last
 
-    def _adds_to_map(self, view: int, hung: Array) -> bool:
+    def _adds_to_map(self, pose: Array) -> bool:
         """Return whether the robot moved enough since the last map scan for a new one."""
-        last = self.graph.scans[-1]
-        d = hung - last.T_view_base
-        return bool(view == last.view and (np.hypot(d[0], d[1]) >= self.config.map_scan_distance
-                                           or abs(d[2]) >= self.config.map_scan_distance))
+        d = difference(pose, self._drawn_at)
+        return bool(np.hypot(d[0], d[1]) >= self.config.map_scan_distance
+                    or abs(d[2]) >= self.config.map_scan_distance)
 
-    def _pose(self) -> tuple[Array, Array]:
+    def pose(self) -> tuple[Array, Array]:
         """Compose last view and tracker: pose T_map_base (3,) and its covariance (3, 3)."""
         if not self.graph.ekf.n:
             return self.tracker.T_view_base, self.tracker.covariance
         return self.graph.ekf.ahead(self.tracker.T_view_base, self.tracker.covariance,
-                                    self.graph.ekf.n - 1)
-
-    def _close(self, found: loops.Loop) -> None:
-        """Update the filter by the constraints that are trusted now."""
-        with self.lock:
-            constraints = self.closure.trusted(found, self.graph.ekf)
-            for constraint in constraints:
-                self._moved += self.graph.ekf.update(constraint)
-                self.graph.constraints.append(constraint)
-        self.counters['loops_accepted'] += len(constraints)
-        if not constraints:
-            self.counters['loops_held_back'] += 1
-
-    def _relinearise(self) -> None:
-        """Re-solve the whole problem once loops have moved the poses far."""
-        if self._moved < self.config.relinearise_distance:
-            return
-        with self.lock:
-            poses, constraints = self.graph.ekf.poses.copy(), list(self.graph.constraints)
-        solved = smoothing.solve(poses, constraints)
-        with self.lock:
-            self.graph.ekf.relinearise(solved)
-            self._moved = 0.0
-        self.counters['relinearisations'] += 1
+                                    self._at)

@@ -3,22 +3,29 @@
 """View-based SLAM of one robot: scans and odometry in, poses, map and trajectory out."""
 
 from collections import Counter
-from threading import Lock
+from dataclasses import replace
+from threading import Lock, RLock
 
 import numpy as np
+from numpy.typing import ArrayLike
 from somfusion_ros.geometry import Array, compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.fixed_map import FixedMap
+from somfusion_ros.slam.lost import Found, known_map, Lost
 from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.slam.motion import Odometry
-from somfusion_ros.slam.scan import cloud, Scan
+from somfusion_ros.slam.relocation import Placed
+from somfusion_ros.slam.scan import Cloud, cloud, Scan
 from somfusion_ros.slam.single_map import SingleMap
+from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
 
-NOBODY = Bodies()
+NOBODY, HERE = Bodies(), Start()
+NOWHERE = np.diag([100.0, 100.0, np.pi]) ** 2   # covariance of a lost robot's pose
 
 
 class Slam:
@@ -32,12 +39,14 @@ class Slam:
     config : SlamConfig, optional
         Parameters; `configure` changes them later.
     background : bool
-        Whether somebody else closes loops by calling `work`, from another thread. Without,
-        `process` does it, and the same input gives the same result.
+        Whether somebody else closes loops, and looks for a lost robot, by calling `work` from
+        another thread. Without, `process` does it, and the same input gives the same result.
     checkpoint : Checkpoint, optional
-        What an earlier run ended with; this one goes on from it.
+        What an earlier run ended with; this one goes on in its map.
     epoch : Epoch
         Which map a new one is to be.
+    start : Start
+        How the run starts in the checkpoint's map.
 
     Examples
     --------
@@ -59,22 +68,31 @@ class Slam:
     """
 
     def __init__(self, config: SlamConfig | None = None, background: bool = False,
-                 checkpoint: Checkpoint | None = None, epoch: Epoch = Epoch()) -> None:
+                 checkpoint: Checkpoint | None = None, epoch: Epoch = Epoch(),
+                 start: Start = HERE) -> None:
         self.config = config or SlamConfig()
         self.counters: Counter[str] = Counter()
-        self._background = background
-        self._map_lock = Lock()        # guards the mapper
-        self._map = SingleMap(self.config, self.counters)
+        self.found: list[Found] = []
+        self._background, self._drawn = background, start.drawn
+        self._map_lock = Lock()     # guards the mapper
+        self._switch = RLock()      # held while the robot is followed, becomes lost, is found
+        self._map = (FixedMap(self.config, self.counters, checkpoint)
+                     if start.localization and checkpoint is not None else
+                     SingleMap(self.config, self.counters, checkpoint))
+        self._resumed = 0 if start.localization else len(self._map.graph.trail)   # scans of before
         self._mapper = Mapper(self.config.resolution)
-        if checkpoint is not None:
-            self._map.resume(checkpoint)
-        if not self._map.graph.epoch.start:   # the map is new, or was made offline
-            self._map.graph.epoch = epoch
+        self._last = self._map.last
+        self._lost: Lost | None = None
+        if checkpoint is not None and start.anywhere:
+            self._last, self._lost = None, self._lose()
+        if not self._map.graph.epoch.start:
+            self._map.graph.epoch = epoch   # the map is new, or was made offline
 
     def configure(self, config: SlamConfig) -> None:
         """Change the parameters; at another resolution the map is drawn anew."""
         self.config = config
-        self._map.configure(config)
+        for single in (self._map, *([self._lost.piece] if self._lost else [])):
+            single.configure(config)
         with self._map_lock:
             if config.resolution != self._mapper.resolution:
                 self._mapper = Mapper(config.resolution)
@@ -102,20 +120,48 @@ class Slam:
         fault = scan.fault() or odometry.fault() or self._stamp_fault(scan.stamp)
         if fault:
             return self._refuse(scan, fault)
-        last = self._map.last
-        expected = compose(last.T_map_odom, odometry.pose) if last else Pose()
-        seen = cloud(bodies.hide(scan, expected), self.config.max_laser_range, odometry.twist)
-        step = self._map.follow(scan.stamp, seen, odometry)
+        if self._lost is None:
+            expected = compose(self._last.T_map_odom, odometry.pose) if self._last else Pose()
+            scan = bodies.hide(scan, expected)
+        seen = cloud(scan, self.config.max_laser_range, odometry.twist)
+        with self._switch:
+            step = self._last = self._follow(scan.stamp, seen, odometry)
         while not self._background and self.work():
             pass
         return step
 
     def work(self) -> bool:
-        """Try to close one waiting view's loops; return whether there was one."""
-        return self._map.work()
+        """Close one waiting view's loops, or look for a lost robot; return whether it did."""
+        lost = self._lost
+        if lost is None:
+            return self._map.closer.work()
+        if lost.piece.closer.work():
+            return True
+        if not lost.due:
+            return False
+        placed = lost.look()
+        with self._switch:
+            if placed is not None and self._lost is lost:
+                self._join(lost, *placed)
+        return True
+
+    def relocate(self, pose: ArrayLike, P: Array) -> None:
+        """Believe that the robot is at a pose T_map_base (3,) with covariance P (3, 3)."""
+        with self._switch:
+            tracker = self._lost.piece.tracker if self._lost else None
+            if self._map.graph.clouds:
+                self._map.stand(np.asarray(pose, float), P, tracker)
+                self._lost = None
+
+    @property
+    def lost(self) -> str:
+        """Why a lost robot is not found yet, in words; '' where it is not lost."""
+        return self._lost.reason if self._lost else ''
 
     def grid(self) -> Grid:
-        """Return the map at the poses held now; slow after a loop, so not for the scan path."""
+        """Map at the poses held now; slow after a loop, so not for the scan path."""
+        if self._drawn is not None:
+            return self._drawn
         scans, poses = self._map.drawn()
         with self._map_lock:
             return self._mapper.render(scans, poses)
@@ -127,6 +173,13 @@ class Slam:
     def trajectory(self) -> tuple[Array, Array]:
         """Return the stamps (m,) and poses T_map_base (m, 3) of every scan used, corrected."""
         return self._map.trajectory()
+
+    def driven(self) -> tuple[Array, Array]:
+        """Return stamps (m,) and poses (m, 3) of this run's scans, as far as they have a place."""
+        if self._lost is not None and not self.found:
+            return self._lost.piece.trajectory()
+        stamps, poses = self._map.trajectory()
+        return stamps[self._resumed:], poses[self._resumed:]
 
     def checkpoint(self) -> Checkpoint:
         """Return what a later run can go on from."""
@@ -140,20 +193,47 @@ class Slam:
     @property
     def last_stamp(self) -> float:
         """Stamp [s] of the last scan used; -inf before the first."""
-        return self._map.last.stamp if self._map.last else -np.inf
+        return self._last.stamp if self._last else -np.inf
 
     @property
     def odometry_lag(self) -> float:
         """Time [s] to add to a scan's stamp to find the odometry that belongs to it."""
-        return self._map.tracker.calibration.lag
+        return (self._lost.piece if self._lost else self._map).tracker.calibration.lag
 
     @property
     def pose_sigma(self) -> tuple[float, float, float]:
         """Standard deviations of the current pose [m, m, rad]."""
-        if self._map.last is None:
+        if self._last is None:
             return 0.0, 0.0, 0.0
-        x, y, theta = np.sqrt(np.diag(self._map.last.covariance)).tolist()
+        x, y, theta = np.sqrt(np.diag(self._last.covariance)).tolist()
         return x, y, theta
+
+    def _follow(self, stamp: float, seen: Cloud, odometry: Odometry) -> Step:
+        """Follow the robot in its map; where it is lost, in a piece of map apart."""
+        if self._lost is None:
+            step = self._map.follow(stamp, seen, odometry)
+            if not self._map.astray:
+                return step
+        lost = self._lost = self._lost or self._lose()
+        lost.drive(odometry)
+        step = lost.piece.follow(stamp, seen, odometry)
+        self.counters['scans_lost'] += 1
+        T_map_odom = self._last.T_map_odom if self._last else Pose()
+        return replace(step, pose=Pose.from_array(compose(T_map_odom, odometry.pose)),
+                       covariance=NOWHERE, T_map_odom=T_map_odom, matched=False, is_view=False,
+                       reason='lost')
+
+    def _lose(self) -> Lost:
+        """Begin a piece of map apart."""
+        self.counters['times_lost'] += 1
+        return Lost(self.config, self.counters, lambda: known_map(self._map, self.grid()))
+
+    def _join(self, lost: Lost, view: int, placed: Placed) -> None:
+        """Go on in the map where a view of the piece was found."""
+        T_map_piece = lost.join(self._map, view, placed)
+        self.found.append(Found(self.last_stamp, lost.metres, T_map_piece))
+        self.counters['times_found'] += 1
+        self._lost = None
 
     def _stamp_fault(self, stamp: float) -> str:
         """Name a stamp that repeats or runs backward."""
@@ -164,7 +244,7 @@ class Slam:
     def _refuse(self, scan: Scan, reason: str) -> Step:
         """Count a scan that cannot be used."""
         self.counters[reason] += 1
-        last = self._map.last
+        last = self._last
         return Step(scan.stamp, last.pose if last else Pose(),
                     last.covariance if last else np.zeros((3, 3)),
                     last.T_map_odom if last else Pose(), False, False, 0.0, False, reason)

@@ -8,8 +8,6 @@ kept as a small filter of its own, relative to the last view, and every scan cos
 however long the robot has driven.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
                                     squared_mahalanobis, wrap)
@@ -24,25 +22,9 @@ from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometr
 from somfusion_ros.slam.recovery import Attempt, attempts, near, rivals, same
 from somfusion_ros.slam.restart import odometry_began_anew
 from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.slam.track import Track
 from somfusion_ros.slam.tracker_state import TrackerState
 from somfusion_ros.slam.tracking_tuning import TUNING
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """
-    The state after one scan.
-
-    T_view_base (3,) from the last view, the covariance R (3, 3) with which the views after this
-    one inherit its error, whether a match corrected it, the share of the scan that the match
-    explained, and what was wrong, '' if nothing.
-    """
-
-    T_view_base: Array
-    R: Array
-    matched: bool
-    inlier_ratio: float
-    reason: str
 
 
 class Tracker:
@@ -93,6 +75,15 @@ class Tracker:
         self.P = (1.0 - INHERITED.handed_on) * T @ self.P @ T.T
         self._scale.start_view(self.T_view_base[2])
         self.T_view_base = np.zeros(3)
+
+    def go_on(self, local_map: LocalMap, T_view_base: Array, P: Array) -> None:
+        """Go on from another view, with the local map around it, at a pose and covariance."""
+        self._map = local_map
+        if self._anchor is not None:
+            ahead = between(self.T_view_base, self._anchor[1])
+            self._anchor = self._anchor[0], compose(T_view_base, ahead)
+        self.T_view_base, self.P, self.lost = T_view_base, P, False
+        self._scale.forget()
 
     @property
     def covariance(self) -> Array:

@@ -58,7 +58,7 @@ def confirm(target: Placed, source: Placed, settings: ConfirmSettings,
     """Ask the source's views whether they lie where the joint solution has them."""
     around, asked, confirmed = Surroundings(target), 0, 0
     for new, places in spread(target, source, settings.every, settings.most, matching):
-        seen = loop_matching.recent(new, source.poses, source.views.clouds)
+        seen = loop_matching.recent(new, range(new + 1), source.poses, source.views.clouds)
         expected = between(target.poses[places[0]], source.poses[new])
         local = around(places[0])
         if not _should_see(seen, local, expected, settings.overlap):

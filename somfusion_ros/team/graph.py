@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, with_drift
-from somfusion_ros.team.pose_graph import (component, Estimate, leave_one_out, optimise,
-                                           PoseGraph)
+from somfusion_ros.team.pose_graph import component, Estimate, leave_one_out, optimise, PoseGraph
 from somfusion_ros.team.voices import one_voice_each
 
 DIGITS = 3            # of chi-square; constraints that differ by less are equally bad

@@ -73,7 +73,7 @@ class Surroundings:
         if view not in self._made:
             placed = self._placed
             self._made[view] = loop_matching.local_map(
-                view, len(placed.views) - 1, placed.poses, placed.views.clouds)
+                view, range(len(placed.views)), placed.poses, placed.views.clouds)
         return self._made[view]
 
 
@@ -82,7 +82,7 @@ def match_views(target: Placed, source: Placed, sigma: tuple[float, float],
     """Match the source's views with the target's, expected within sigma [m] [rad]."""
     around, found = Surroundings(target), []
     for new, places in spread(target, source, settings.every, settings.most, settings):
-        seen = loop_matching.recent(new, source.poses, source.views.clouds)
+        seen = loop_matching.recent(new, range(new + 1), source.poses, source.views.clouds)
         for old in places:
             expected = between(target.poses[old], source.poses[new])
             candidate = Candidate(old, expected, np.array([sigma[0], sigma[0], sigma[1]]))

@@ -7,15 +7,16 @@ Evidence is summed in the order of time, whoever saw it, so that what was taken 
 cleared. A scan between two views lies between where both have it.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array, between, compose
 from somfusion_ros.grid import Grid
-from somfusion_ros.slam.mapping import Mapper, MapScan
-from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.slam.free_space import Outline
+from somfusion_ros.slam.map_scans import MapScan
+from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.team.view_set import ViewSet
 
 
@@ -27,11 +28,11 @@ class Held:
     views: NDArray[np.intp]
 
     @classmethod
-    def of(cls, track: Sequence[tuple[float, int, Array]]) -> 'Held':
-        """Find them in a track of stamp, view and pose in the view."""
-        views = np.array([view for _, view, _ in track], dtype=np.intp)
+    def of(cls, trail: Array) -> 'Held':
+        """Find them in a trail (m, 5): stamp, view, and pose in the view."""
+        views = trail[:, 1].astype(np.intp)
         first = np.flatnonzero(np.diff(views, prepend=-1))
-        return cls(np.array([stamp for stamp, _, _ in track])[first], views[first])
+        return cls(trail[first, 0], views[first])
 
 
 class JointMap:
@@ -57,10 +58,10 @@ class JointMap:
             scans, np.array([drawn[rank][1][k] for _, rank, k in order]).reshape(-1, 3))
 
 
-def _placed(views: ViewSet, poses: Array) -> tuple[list[float], list[Array], list[Cloud]]:
-    """Return stamps, poses (3,) in the world and outlines of views and scans between them."""
+def _placed(views: ViewSet, poses: Array) -> tuple[list[float], list[Array], list[Outline]]:
+    """Stamps of views and of scans between them, their poses (3,) in the world, what they saw."""
     stamps, placed = views.stamps[:len(poses)].tolist(), list(poses)
-    clouds = list(views.clouds[:len(poses)])
+    seen = [cloud.outline for cloud in views.clouds[:len(poses)]]
     for scan in views.between:
         if scan.view + 1 < len(poses) and views.steps[scan.view].first == scan.view:
             hung, step = scan.T_view_base, views.steps[scan.view].z
@@ -70,12 +71,12 @@ def _placed(views: ViewSet, poses: Array) -> tuple[list[float], list[Array], lis
             placed.append(compose(near, share * between(near, far)))
             stamps.append(views.stamps[scan.view] + share * (
                 views.stamps[scan.view + 1] - views.stamps[scan.view]))
-            clouds.append(scan.cloud)
+            seen.append(scan.outline)
         elif scan.view < len(poses):
             placed.append(compose(poses[scan.view], scan.T_view_base))
             stamps.append(views.stamps[scan.view])
-            clouds.append(scan.cloud)
-    return stamps, placed, clouds
+            seen.append(scan.outline)
+    return stamps, placed, seen
 
 
 def draw_joint(robots: Mapping[str, ViewSet], poses: Mapping[str, Array], resolution: float,

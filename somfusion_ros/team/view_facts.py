@@ -17,7 +17,7 @@ import numpy as np
 from somfusion_ros.geometry import Array, wrap
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.mapping import MapScan
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.beam_code import decode_beams, encode_beams
 from somfusion_ros.team.view_set import ViewSet
@@ -119,7 +119,7 @@ def decode_constraint(data: bytes) -> Constraint:
 
 def encode_scan(scan: MapScan) -> bytes:
     """Pack a scan that hangs on a view."""
-    return SCAN.pack(scan.view, *scan.T_view_base) + encode_beams(scan.cloud.outline)
+    return SCAN.pack(scan.view, *scan.T_view_base) + encode_beams(scan.outline)
 
 
 def decode_scan(data: bytes) -> MapScan:
@@ -129,7 +129,7 @@ def decode_scan(data: bytes) -> MapScan:
     view, *pose = SCAN.unpack_from(data)
     if view >= MAX_VIEWS or not (np.isfinite(pose).all() and np.abs(pose).max() < TUNING.nearest):
         raise ValueError('a scan hangs on nothing')
-    return MapScan(view, np.array(pose), decode_beams(data[SCAN.size:]))
+    return MapScan(view, np.array(pose), decode_beams(data[SCAN.size:]).outline)
 
 
 def believed(upper: Array) -> Array:
@@ -181,7 +181,7 @@ def _spaced(scans: Iterable[MapScan], clouds: Sequence[Cloud]) -> Iterator[MapSc
             last, view = np.zeros(3), scan.view
         x, y, theta = scan.T_view_base - last
         far = max(np.hypot(x, y), abs(wrap(theta))) >= TUNING.spacing
-        if far and scan.cloud is not clouds[view]:
+        if far and scan.outline is not clouds[view].outline:
             last = scan.T_view_base
             yield scan
 

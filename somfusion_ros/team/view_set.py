@@ -10,7 +10,7 @@ import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.loops import centre
-from somfusion_ros.slam.mapping import MapScan
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
 
 

@@ -187,7 +187,7 @@ def test_a_robot_that_is_killed_goes_on_with_its_map(graph: Graph, tmp_path: Pat
     before = graph.until(lambda: robot.maps and robot.maps[-1].header.stamp
                          == robot.poses[-1].header.stamp and robot.maps[-1], 'the last map')
     state = tmp_path / 'state' / 'robot1.npz'
-    graph.until(lambda: state.exists() and load_checkpoint(state).graph.track[-1][0]
+    graph.until(lambda: state.exists() and load_checkpoint(state).trail[-1, 0]
                 >= robot.last_stamp() - 0.01, 'the last scan in the state')
     graph.processes.kill('slam robot1')
 

@@ -5,10 +5,17 @@
 from pathlib import Path
 
 from helpers import fake_odometry, fake_room, fake_scan, fake_trajectory, pose_error
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import between, compose
-from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
+from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.checkpoint_file import (CheckpointFile, load_checkpoint,
+                                                save_checkpoint)
+from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
+from somfusion_ros.slam.checkpoint_reader import assemble
+from somfusion_ros.slam.journal import JournalInUse
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.slam import Slam
 
@@ -42,7 +49,7 @@ def resumed(slam: Slam, path: Path) -> Slam:
 
 
 def test_nothing_is_lost_by_a_restart(half: Slam, tmp_path: Path) -> None:
-    again = resumed(half, tmp_path / 'state.npz')
+    again = resumed(half, tmp_path / 'state.map')
     for before, after in zip((*half.views(), *half.trajectory()),
                              (*again.views(), *again.trajectory()), strict=True):
         assert np.array_equal(before, after)
@@ -59,7 +66,7 @@ def test_a_resumed_drive_ends_where_an_uninterrupted_one_does(tmp_path: Path) ->
     whole, first = Slam(), Slam()
     drive(whole, 0, len(STAMPS))
     drive(first, 0, HALF)
-    second = resumed(first, tmp_path / 'state.npz')
+    second = resumed(first, tmp_path / 'state.map')
     drive(second, HALF, len(STAMPS))
     metres, radians = pose_error(second.trajectory()[1][-1], whole.trajectory()[1][-1])
     assert metres < 0.01
@@ -69,7 +76,7 @@ def test_a_resumed_drive_ends_where_an_uninterrupted_one_does(tmp_path: Path) ->
 
 def test_a_robot_whose_odometry_began_anew_is_found_where_it_stood(half: Slam,
                                                                    tmp_path: Path) -> None:
-    again = resumed(half, tmp_path / 'state.npz')
+    again = resumed(half, tmp_path / 'state.map')
     T_map_start = compose(half.trajectory()[1][0], between(TRUTH[0], np.zeros(3)))
     for i in range(HALF, HALF + 30):
         odometry = between(ODOMETRY[HALF], ODOMETRY[i])
@@ -80,47 +87,136 @@ def test_a_robot_whose_odometry_began_anew_is_found_where_it_stood(half: Slam,
     assert radians < 0.03
 
 
-def test_a_save_that_breaks_off_leaves_the_old_state(half: Slam, tmp_path: Path,
-                                                     monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / 'state.npz'
+def test_a_full_disk_leaves_the_old_state(half: Slam, tmp_path: Path,
+                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / 'state.map'
     save_checkpoint(path, half.checkpoint())
     before = path.read_bytes()
 
-    def full(*given: object, **arrays: object) -> None:
+    def full(number: int) -> None:
         raise OSError('no space left on device')
-    monkeypatch.setattr(np, 'savez', full)
+    monkeypatch.setattr('os.fsync', full)
     with pytest.raises(OSError, match='no space'):
         save_checkpoint(path, half.checkpoint())
     assert path.read_bytes() == before
 
 
+def test_a_disk_that_is_full_for_a_while_costs_what_came_meanwhile(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, slam = tmp_path / 'state.map', Slam()
+    drive(slam, 0, HALF // 2)
+    file = CheckpointFile(path)
+    file.save(slam.checkpoint())
+    drive(slam, HALF // 2, HALF)
+
+    def full(number: int) -> None:
+        raise OSError('no space left on device')
+    with monkeypatch.context() as patch, pytest.raises(OSError, match='no space'):
+        patch.setattr('os.fsync', full)
+        file.save(slam.checkpoint())
+    file.save(slam.checkpoint())
+    again = load_checkpoint(path)
+    assert np.allclose(again.poses, slam.views()[1])
+    assert len(again.trail) == HALF
+
+
+def test_a_checkpoint_costs_what_has_changed(tmp_path: Path) -> None:
+    path, slam = tmp_path / 'state.map', Slam()
+    drive(slam, 0, HALF)
+    file = CheckpointFile(path)
+    whole = file.save(slam.checkpoint())
+    drive(slam, HALF, HALF + 10)
+    changed = file.save(slam.checkpoint())
+    assert 0 < changed < 0.2 * whole
+    assert path.stat().st_size == whole + changed
+    again = load_checkpoint(path)
+    assert np.array_equal(again.poses, slam.views()[1])
+    assert len(again.scans) == len(slam.checkpoint().scans)
+
+
+def test_what_is_written_again_and_again_does_not_grow(half: Slam, tmp_path: Path,
+                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('somfusion_ros.slam.checkpoint_file.LEAST', 0)
+    file = CheckpointFile(tmp_path / 'state.map')
+    whole = file.save(half.checkpoint())
+    for _ in range(200):
+        file.save(half.checkpoint())
+        assert (tmp_path / 'state.map').stat().st_size < 2.2 * whole
+
+
+def test_two_processes_do_not_keep_one_file(half: Slam, tmp_path: Path) -> None:
+    first = CheckpointFile(tmp_path / 'state.map')
+    with pytest.raises(JournalInUse, match='state.map is in use by another'):
+        CheckpointFile(tmp_path / 'state.map')
+    first.close()
+    CheckpointFile(tmp_path / 'state.map').close()
+
+
+def test_a_directory_is_refused_and_left_alone(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError, match='is a directory'):
+        CheckpointKeeper(str(tmp_path), 10.0, lambda *given: None, print)
+    assert tmp_path.is_dir()
+
+
+def test_a_reset_is_not_undone_by_a_late_write(half: Slam, tmp_path: Path) -> None:
+    path = tmp_path / 'state.map'
+    keeper = CheckpointKeeper(str(path), 10.0, lambda *given: None, lambda text: None)
+    keeper.keep(half, object(), 0.0)
+    assert path.exists()
+    keeper.forget(half)
+    keeper.keep(half, object(), 100.0)
+    assert not path.exists()
+
+
 @pytest.mark.parametrize('damage', [
-    lambda b: b'', lambda b: b'this is no state', lambda b: b[:len(b) // 2],
-    lambda b: b[:5000] + bytes(4000) + b[9000:]], ids=['empty', 'text', 'cut', 'zeros'])
-def test_a_damaged_file_is_refused_by_name(damage: object, half: Slam, tmp_path: Path) -> None:
-    path = tmp_path / 'state.npz'
+    lambda b: b'', lambda b: b'this is no state', lambda b: bytes(len(b))],
+    ids=['empty', 'text', 'zeros'])
+def test_a_file_without_a_checkpoint_is_refused_by_name(damage: object, tmp_path: Path,
+                                                        half: Slam) -> None:
+    path = tmp_path / 'state.map'
     save_checkpoint(path, half.checkpoint())
     path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(ValueError, match='state.npz: not a usable checkpoint'):
+    with pytest.raises(ValueError, match='state.map: not a usable checkpoint'):
         load_checkpoint(path)
 
 
-@pytest.mark.parametrize(('name', 'change'), [
-    ('version', lambda v: v + 1), ('poses', lambda v: v[:-1]), ('poses', lambda v: v * np.nan),
-    ('scan_views', lambda v: v + 1000), ('scan_clouds', lambda v: v - 1),
-    ('tracker_P', lambda v: v[:2]), ('tracker_odometry', lambda v: v[:0]),
-    ('ends', lambda v: v[:-3]), ('constraints', lambda v: v[:3]), ('track', lambda v: v[:0]),
-    ('beams_lengths', lambda v: v + 1)])
-def test_a_file_whose_parts_do_not_fit_is_refused(name: str, change: object, half: Slam,
-                                                  tmp_path: Path) -> None:
-    path = tmp_path / 'state.npz'
-    save_checkpoint(path, half.checkpoint())
-    with np.load(path) as file:
-        arrays = {key: file[key] for key in file.files}
-    arrays[name] = change(arrays[name])
-    np.savez(path, **arrays)
-    with pytest.raises(ValueError, match='not a usable checkpoint'):
-        load_checkpoint(path)
+@pytest.fixture(scope='module')
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Checkpoint]:
+    """Write three checkpoints of a drive; return the file, and the last but one of them."""
+    path, slam = tmp_path_factory.mktemp('written') / 'state.map', Slam()
+    file, kept = CheckpointFile(path), []
+    for last in (HALF - 40, HALF - 20, HALF):
+        drive(slam, len(slam.trajectory()[0]), last)
+        kept.append(slam.checkpoint())
+        file.save(kept[-1])
+    return path.read_bytes(), kept[1]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 7))
+def test_one_flipped_bit_costs_at_most_the_last_interval(
+        written: tuple[bytes, Checkpoint], at: float, bit: int) -> None:
+    data, before = bytearray(written[0]), written[1]
+    data[int(at * len(data))] ^= 1 << bit
+    found, damaged = assemble(bytes(data))
+    assert damaged <= 2
+    n = len(before.poses)
+    assert len(found.poses) >= n
+    assert np.allclose(found.poses[:n], before.poses, atol=0.05)
+    graph = found.graph()
+    assert graph.ekf.n == len(found.poses)
+    assert sum(len(cloud) == 0 for cloud in found.clouds) <= 1
+    assert len(found.scans) >= len(before.scans) - 1
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.5, 1.0))
+def test_a_torn_write_costs_at_most_the_last_interval(
+        written: tuple[bytes, Checkpoint], share: float) -> None:
+    data, before = written
+    found, _ = assemble(data[:len(data) - int((1.0 - share) * 2000)])
+    assert len(found.poses) >= len(before.poses)
+    assert found.graph().ekf.n == len(found.poses)
 
 
 def test_no_file_is_no_damage(tmp_path: Path) -> None:

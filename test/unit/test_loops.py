@@ -13,8 +13,8 @@ from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.loops import (agree, Candidate, candidates, Loop, LoopClosure,
-                                      TUNING)
+from somfusion_ros.slam.loop_trust import agree, Loop, LoopClosure
+from somfusion_ros.slam.loops import Candidate, candidates, TUNING
 from somfusion_ros.slam.scan import cloud
 
 CONFIG = SlamConfig(loop_minimum_gap=5)

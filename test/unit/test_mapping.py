@@ -4,7 +4,8 @@
 
 from helpers import fake_room, fake_scan
 import numpy as np
-from somfusion_ros.slam.mapping import Mapper, MapScan
+from somfusion_ros.slam.map_scans import MapScan
+from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.slam.scan import cloud
 
 ROOM = fake_room()
@@ -12,7 +13,7 @@ PLACES = np.array([(1.5, 1.5, 0.3), (2.5, 1.2, -0.4), (2.0, 2.5, 1.0), (5.0, 4.0
 
 
 def scans(repeat: int = 4) -> list[MapScan]:
-    return [MapScan(k, np.zeros(3), cloud(fake_scan(ROOM, p), 30.0))
+    return [MapScan(k, np.zeros(3), cloud(fake_scan(ROOM, p), 30.0).outline)
             for _ in range(repeat) for k, p in enumerate(PLACES)]
 
 
@@ -34,7 +35,7 @@ def test_a_wall_seen_at_a_grazing_angle_is_not_wiped_out_by_the_beams_that_pass_
                               rng.normal(0.0, 0.004, 20)])
     views = [fake_scan(walls, p, beams=240, range_max=30.0, noise=0.01, rng=rng) for p in places]
     straight = places * (1.0, 1.0, 0.0)   # the filter does not know the last 0.2 degrees
-    grid = Mapper(0.05).render([MapScan(k, np.zeros(3), cloud(scan, 30.0))
+    grid = Mapper(0.05).render([MapScan(k, np.zeros(3), cloud(scan, 30.0).outline)
                                 for k, scan in enumerate(views)], straight)
     points = grid.points(grid.occupied)
     seen = np.unique(np.floor(points[np.abs(points[:, 1] + 1.2) < 0.1, 0] / 0.25))
@@ -64,8 +65,9 @@ def test_the_order_of_growing_does_not_matter():
 
 def test_moved_views_move_their_walls():
     mapper, shift = Mapper(0.05), np.array([1.0, 0.0, 0.0])
-    first = mapper.render(scans(), PLACES)
-    second = mapper.render(scans(), PLACES + shift)
+    every = scans()
+    first = mapper.render(every, PLACES)
+    second = mapper.render(every, PLACES + shift)
     for k in range(2):
         a, b = (np.percentile(g.points(g.free)[:, k], [0.1, 99.9]) for g in (first, second))
         np.testing.assert_allclose(b, a + shift[k], atol=0.06)

@@ -55,9 +55,9 @@ class SlamNode(ManagedNode):
         part, config = self.configured_part, self._config
         self._last = Last(reported=(0, time.monotonic()))
         self._publisher = SlamPublisher(part, config)
-        keeper = CheckpointKeeper(config.state_file, config.state_interval, self._count,
-                                  self.get_logger().info)
-        self._pipeline = Pipeline(self._session_from, keeper, self._publisher, self._last,
+        self._keeper = CheckpointKeeper(config.state_file, config.state_interval, self._count,
+                                        self.get_logger().info)
+        self._pipeline = Pipeline(self._session_from, self._keeper, self._publisher, self._last,
                                   self._count)
         self._pipeline.map_interval = config.map_update_interval
         self.serve(Trigger, names.SAVE_MAP, lambda _: self._save(self._config.map_name))
@@ -84,6 +84,11 @@ class SlamNode(ManagedNode):
         self.every(REPORT_PERIOD, self._report)
         if self._publisher.sends_transforms:
             self.every(config.transform_publish_period, self._send_transform)
+
+    def clean_up(self) -> None:
+        """Let another node have the state file."""
+        if hasattr(self, '_keeper'):
+            self._keeper.close()
 
     def deactivate(self, timeout: float) -> bool:
         """Stop the threads; return whether they ended in time."""

@@ -113,7 +113,7 @@ class Pipeline:
 
     def reset(self) -> str:
         """Begin a new map; return what was done."""
-        self._keeper.forget()
+        self._keeper.forget(self.session.slam)
         self._tracker.submit(lambda: self._begin(None))
         return 'a new map begins'
 
@@ -154,6 +154,7 @@ class Pipeline:
                 self._publisher.repeat_map()
             self._map_due = time.monotonic() + self.map_interval
         self._keeper.keep(self.session.slam, self._last.step, time.monotonic())
+        self._last.not_saved = self._keeper.fault
         return more
 
     def _publish_map(self) -> Grid:

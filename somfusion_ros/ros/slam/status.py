@@ -23,7 +23,8 @@ class Last:
 
     Stamp and step of the newest scan used, stamp of the newest scan heard, seconds that a scan
     took, scans processed so far, when scans and odometry were heard [s, steady clock], what the
-    newest scan lacked, whether new scans are left out, and scans and time at the last report.
+    newest scan lacked, whether new scans are left out, why the last state was not saved, and
+    scans and time at the last report.
     """
 
     stamp: Time | None = None
@@ -35,6 +36,7 @@ class Last:
     odometry_heard: float = float('-inf')
     lacking: str = ''
     paused: bool = False
+    not_saved: str = ''
     reported: tuple[int, float] = (0, 0.0)
 
     @property
@@ -84,4 +86,5 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
               'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
     _, silent = silence(last, now, slam.counters['views'])
     warning = 'paused: new scans are left out' if last.paused else silent
-    return status(node, namespace, values, warning)
+    error = f'the state was not saved: {last.not_saved}' if last.not_saved else ''
+    return status(node, namespace, values, warning, error)

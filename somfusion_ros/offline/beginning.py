@@ -1,0 +1,59 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a replay goes on from: a checkpoint of an earlier run, or a map to localise in."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from somfusion_ros.io.maps import MapError, read_map
+from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.checkpoint_file import load_checkpoint
+from somfusion_ros.slam.grid_views import grid_checkpoint
+from somfusion_ros.slam.start import Start
+
+DRAWN = ('.yaml', '.yml')   # endings of a map as map_server has it
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """A map to start in, None for a new one, and how."""
+
+    checkpoint: Checkpoint | None = None
+    start: Start = field(default_factory=Start)
+
+
+def from_state(path: str | Path) -> Beginning:
+    """Return how to go on from a state file, wherever the robot is; a new map if there is none."""
+    try:
+        return Beginning(_load(path), Start(anywhere=True))
+    except FileNotFoundError:
+        return Beginning()
+
+
+def from_map(path: str | Path) -> Beginning:
+    """
+    Return how to localise in a map: map.yaml as map_server has it, or a state file.
+
+    Raises MapError, with one line, where it cannot be used.
+    """
+    try:
+        if Path(path).suffix.lower() not in DRAWN:
+            return Beginning(_load(path), Start(anywhere=True, localization=True))
+    except FileNotFoundError:
+        raise MapError(f'{path} does not exist') from None
+    grid = read_map(path)
+    try:
+        checkpoint = grid_checkpoint(grid)
+    except ValueError as error:
+        raise MapError(f'{path}: {error}') from error
+    return Beginning(checkpoint, Start(anywhere=True, localization=True, drawn=grid))
+
+
+def _load(path: str | Path) -> Checkpoint:
+    """Read a state file; MapError where it is damaged beyond use."""
+    try:
+        return load_checkpoint(path)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as error:
+        raise MapError(str(error)) from error

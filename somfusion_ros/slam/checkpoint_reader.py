@@ -1,0 +1,147 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Checkpoints of records: the newest whole one, with what is damaged left out or made good."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from somfusion_ros.geometry import Array, between
+from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.free_space import Outline
+from somfusion_ros.slam.journal import DAMAGED, records
+from somfusion_ros.slam.map_scans import MapScan
+from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.slam.tracker_state import SHAPES, TrackerState
+
+MADE_GOOD = np.diag([0.05, 0.05, 0.02]) ** 2   # covariance of a constraint made of the poses
+
+
+@dataclass
+class _Read:
+    """What the records up to now tell, by number; the newest is the last that is whole."""
+
+    views: dict[int, tuple[float, Cloud]] = field(default_factory=dict)
+    constraints: dict[int, Constraint] = field(default_factory=dict)
+    scans: dict[int, MapScan] = field(default_factory=dict)
+    trail: Array = field(default_factory=lambda: np.zeros((0, 5)))
+    newest: Checkpoint | None = None
+    damaged: int = 0
+
+
+def assemble(data: bytes) -> tuple[Checkpoint, int]:
+    """
+    Return the newest checkpoint of a journal, and how many stretches of it are damaged.
+
+    ValueError where there is none.
+    """
+    read = _Read()
+    for kind, arrays in records(data):
+        try:
+            _take(read, kind, arrays)
+        except DAMAGED:
+            read.damaged += 1
+    if read.newest is None:
+        raise ValueError('it holds no checkpoint')
+    return _made_good(read, read.newest), read.damaged
+
+
+def _take(read: _Read, kind: str, a: dict[str, Array]) -> None:
+    """Take one record in; raise one of DAMAGED where it does not fit."""
+    if kind == 'bad':
+        read.damaged += 1
+        return
+    if not all(np.isfinite(value).all() for value in a.values()):
+        raise ValueError('it holds what is no number')
+    if kind == 'view':
+        read.views[int(a['k'])] = float(a['stamp']), _cloud(a)
+    elif kind == 'pair':
+        first, second = a['views'].tolist()
+        read.constraints[int(a['k'])] = Constraint(first, second, a['z'].reshape(3),
+                                                   a['R'].reshape(3, 3))
+    elif kind == 'scan':
+        read.scans[int(a['n'])] = MapScan(int(a['view']), a['pose'].reshape(3), _outline(a))
+    elif kind == 'drop':
+        for number in a['numbers'].tolist():
+            read.scans.pop(number, None)
+    elif kind == 'path':
+        read.trail = np.concatenate([read.trail[:int(a['first'])], a['rows'].reshape(-1, 5)])
+    elif kind == 'now':
+        read.newest = _now(read, a)
+
+
+def _now(read: _Read, a: dict[str, Array]) -> Checkpoint:
+    """Return the checkpoint that is whole with this record."""
+    poses, view = a['poses'].reshape(-1, 3).copy(), int(a['view'])
+    if not 0 <= view < len(poses):
+        raise ValueError('it was at a view that it does not hold')
+    return Checkpoint(
+        poses=poses, stamps=np.zeros(0), clouds=(), constraints=(), scans=(),
+        trail=read.trail, to_close=tuple(a['to_close'].tolist()), view=view,
+        tracker=TrackerState.from_arrays({name: a[name] for name in SHAPES}),
+        epoch=_epoch(a['epoch'].tobytes().decode()))
+
+
+def _epoch(text: str) -> Epoch:
+    """Return which map it is; one that was made offline has no start."""
+    return Epoch() if text == str(Epoch()) else Epoch.parse(text)
+
+
+def _made_good(read: _Read, newest: Checkpoint) -> Checkpoint:
+    """Fill in what damaged records leave open, and leave out what hangs on nothing."""
+    n = len(newest.poses)
+    empty = Cloud(np.zeros((0, 2)), np.zeros((0, 2)))
+    views = [read.views.get(k, (np.nan, empty)) for k in range(n)]
+    stamps = np.array([stamp for stamp, _ in views])
+    known = np.isfinite(stamps)
+    if not known.any():
+        raise ValueError('all its views are damaged')
+    stamps = np.interp(np.arange(n), np.flatnonzero(known), stamps[known])
+    trail = newest.trail[(newest.trail[:, 1] >= 0) & (newest.trail[:, 1] < n)]
+    if not len(trail):
+        trail = np.array([[stamps[newest.view], newest.view, 0.0, 0.0, 0.0]])
+    return replace(
+        newest, stamps=stamps, clouds=[cloud for _, cloud in views],
+        constraints=_complete(read, newest.poses),
+        scans=[scan for _, scan in sorted(read.scans.items()) if 0 <= scan.view < n],
+        trail=trail, to_close=tuple(k for k in newest.to_close if 0 <= k < n))
+
+
+def _complete(read: _Read, poses: Array) -> list[Constraint]:
+    """Return the constraints by age; a view that none introduces hangs on the one before it."""
+    complete: list[Constraint] = []
+    known = 1
+    for _, constraint in sorted(read.constraints.items()):
+        if not 0 <= min(constraint.first, constraint.second) or (
+                max(constraint.first, constraint.second) >= len(poses)):
+            continue
+        while known < max(constraint.first + 1, constraint.second):
+            complete.append(_along(known, poses))
+            known += 1
+        complete.append(constraint)
+        known = max(known, constraint.second + 1)
+    return complete + [_along(k, poses) for k in range(known, len(poses))]
+
+
+def _along(k: int, poses: Array) -> Constraint:
+    """Return a constraint of a view to the one before it that is made of their poses."""
+    return Constraint(k - 1, k, between(poses[k - 1], poses[k]), MADE_GOOD)
+
+
+def _cloud(a: dict[str, Array]) -> Cloud:
+    """Return the cloud of a view's record."""
+    noise, spacing = a['scatter'].tolist()
+    points, normals = a['points'].astype(float), a['normals'].astype(float)
+    if points.shape != normals.shape or points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError('points and normals do not fit')
+    return Cloud(points, normals, _outline(a), noise, spacing=spacing)
+
+
+def _outline(a: dict[str, Array]) -> Outline:
+    """Return the outline of a record."""
+    ends, reach = a['ends'].astype(float), a['reach'].astype(float)
+    if ends.shape != (len(reach), 2) or a['origin'].shape != (2,):
+        raise ValueError('beams do not fit their reach')
+    hit = np.unpackbits(a['hit'], count=len(reach)).astype(bool)
+    return Outline(ends, reach, hit, a['origin'])

@@ -1,0 +1,85 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The scans kept for the map: of every place the newest few, however long the robot drives."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from somfusion_ros.geometry import Array
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam.free_space import Outline
+
+Place = tuple[int, int, int]   # column and row of a square, and sector of the heading
+
+
+@dataclass(frozen=True)
+class MapScanTuning:
+    """How many scans draw one place."""
+
+    square: float = tuned(
+        0.5, 'm', 'edge of the square within which scans are taken from one place',
+        'benchmarks/life.py')
+    sectors: int = tuned(
+        8, 'sectors', 'of the heading, within which scans look the same way', 'by design')
+    kept: int = tuned(
+        12, 'scans', 'kept of one place, the newest; fewer blur a wall less but draw it thinner, '
+        'more cost memory and time of drawing', 'benchmarks/life.py')
+
+
+TUNING = MapScanTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class MapScan:
+    """A scan kept for the map: the view it hangs on, T_view_base (3,), and what it saw."""
+
+    view: int
+    T_view_base: Array
+    outline: Outline
+
+
+class MapScans:
+    """
+    Scans by age; when a place has enough of them its oldest is dropped.
+
+    Thereby memory is bounded by the area, and what was removed or is new replaces what was seen
+    there before.
+    """
+
+    def __init__(self) -> None:
+        self._scans: dict[MapScan, None] = {}
+        self._places: defaultdict[Place, deque[MapScan]] = defaultdict(deque)
+        self.newest: MapScan | None = None
+
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    def __iter__(self) -> Iterator[MapScan]:
+        return iter(self._scans)
+
+    def add(self, scan: MapScan, pose: Array) -> None:
+        """Keep a scan taken at a pose (3,) in the map."""
+        self._scans[scan] = None
+        self.newest = scan
+        here = self._places[_place(pose)]
+        here.append(scan)
+        if len(here) > TUNING.kept:
+            del self._scans[here.popleft()]
+
+    def extend(self, scans: Iterable[MapScan], poses: Array) -> None:
+        """Keep scans by age, taken at poses (n, 3)."""
+        for scan, pose in zip(scans, poses, strict=True):
+            self.add(scan, pose)
+
+    def copy(self) -> list[MapScan]:
+        """Return the scans by age."""
+        return list(self._scans)
+
+
+def _place(pose: Array) -> Place:
+    """Return the square and the sector of the heading of a pose (3,)."""
+    x, y, theta = pose.tolist()
+    sector = int(np.floor(theta * TUNING.sectors / (2.0 * np.pi))) % TUNING.sectors
+    return (int(np.floor(x / TUNING.square)), int(np.floor(y / TUNING.square)), sector)

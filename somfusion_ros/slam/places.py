@@ -1,0 +1,111 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Known places: where a robot goes on from a view that it has, instead of adding a new one.
+
+A view is added only where it shows something new (Ila et al. 2010). Where an old view's surface
+explains the scan as well as the newest does, the robot goes on from the old view with nothing but
+that match; what it knew of the way since is dropped, so that nothing is counted twice (Walter et
+al. 2007).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from somfusion_ros.geometry import Array, difference, squared_mahalanobis, wrap
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.loop_matching import agreement_of
+from somfusion_ros.slam.matching import Match, register
+from somfusion_ros.slam.scan import Cloud
+
+
+@dataclass(frozen=True)
+class PlaceTuning:
+    """When a place is known."""
+
+    near: float = tuned(
+        1.25, 'least travels', 'a view within this distance and turn is at the same place',
+        'shared logs')
+    enough: int = tuned(
+        2, 'views', 'at one place, so that no more are added', 'shared logs')
+    sure: tuple[float, float] = tuned(
+        (0.15, 0.05), 'm, rad', 'sigma of the old view seen from the robot; beyond it the loop '
+        'is not closed yet', 'shared logs')
+    gate: float = tuned(
+        16.3, 'squared sigmas', 'between where the match and the filter have the robot',
+        'by design')
+    loss: float = tuned(
+        0.05, 'share of points', 'that the old surface may explain less than the newest',
+        'shared logs')
+    agreement: float = tuned(
+        0.9, 'share of points', 'on the old surface among those on it or in free space; '
+        'below, something has changed', 'shared logs')
+
+
+TUNING = PlaceTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """An old view, the pose T_view_base (3,) expected in it, and its covariance (3, 3)."""
+
+    view: int
+    T_view_base: Array
+    P: Array
+
+
+def nearest(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConfig
+            ) -> int | None:
+    """
+    Return the nearest view of a known place; None where the place is not known.
+
+    Parameters
+    ----------
+    pose : (3,) of the robot
+    poses : (n, 3) of the views
+    usable : (n,) the views that count: not those that the robot has just added
+    """
+    apart = distance(pose, poses, config)
+    apart[~usable] = np.inf
+    if np.count_nonzero(apart < TUNING.near) < TUNING.enough:
+        return None
+    return int(np.argmin(apart))
+
+
+def distance(pose: Array, poses: Array, config: SlamConfig) -> Array:
+    """Distance (n,) of poses (n, 3) from a pose (3,), in least travels of a new view."""
+    d = poses - pose
+    away: Array = (np.hypot(d[:, 0], d[:, 1]) / config.minimum_travel_distance
+                   + np.abs(wrap(d[:, 2])) / config.minimum_travel_heading)
+    return away
+
+
+def members(view: int, own: range, count: int) -> range:
+    """Return up to `count` views around a view, of its own chain."""
+    start = max(own.start, min(view - count // 2, own.stop - count))
+    return range(start, min(own.stop, start + count))
+
+
+def explain(expected: Expected, seen: Cloud, around: Callable[[int], LocalMap], ratio: float,
+            config: SlamConfig) -> tuple[LocalMap, Match] | None:
+    """
+    Match a scan against an old place; None where the place does not explain it.
+
+    ratio is the share of the scan that the newest views explain.
+    """
+    sigma = np.sqrt(np.diag(expected.P))
+    if sigma[:2].max() > TUNING.sure[0] or sigma[2] > TUNING.sure[1]:
+        return None
+    local_map = around(expected.view)
+    match = register(seen, local_map, expected.T_view_base)
+    if match.inlier_ratio < max(config.doubtful_inlier_ratio, ratio - TUNING.loss):
+        return None
+    y = difference(match.T_map_scan, expected.T_view_base)
+    if squared_mahalanobis(y, expected.P + match.covariance) > TUNING.gate:
+        return None
+    return ((local_map, match) if agreement_of(match, seen, local_map) >= TUNING.agreement
+            else None)

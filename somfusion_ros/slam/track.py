@@ -1,0 +1,24 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tracker made of one scan."""
+
+from dataclasses import dataclass
+
+from somfusion_ros.geometry import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """
+    The state after one scan.
+
+    T_view_base (3,) from the last view, the covariance R (3, 3) with which the views after this
+    one inherit its error, whether a match corrected it, the share of the scan that the match
+    explained, and what was wrong, '' if nothing.
+    """
+
+    T_view_base: Array
+    R: Array
+    matched: bool
+    inlier_ratio: float
+    reason: str
