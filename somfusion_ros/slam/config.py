@@ -12,7 +12,7 @@ class SlamConfig:
     """Parameters of one robot's SLAM."""
 
     resolution: float = parameter(
-        0.05, 'm', 0.005, 1.0, 'Edge of a map cell; smaller is finer and costs graph.')
+        0.05, 'm', 0.005, 1.0, 'Edge of a map cell; smaller is finer and costs memory.')
     max_laser_range: float = parameter(
         30.0, 'm', 0.1, 1000.0, 'Returns beyond this range are not used.')
     minimum_travel_distance: float = parameter(

@@ -17,11 +17,11 @@ class ConstraintTuning:
     drift_sigma_xy: float = tuned(
         0.2, 'm', 'two maps of one place bend apart by this much, so that no constraint is better '
         'known; smaller calls bent maps a contradiction, larger lets wrong pairs pass',
-        'benchmarks/team.py on mines, wean, Intel and CSAIL')
+        'benchmarks/team/accuracy.py on mines, wean, Intel and CSAIL')
     drift_sigma_theta: float = tuned(
         float(np.radians(1.0)), 'rad', 'the same for the heading; it is felt as translation over '
         'the distance of the two origins as well',
-        'benchmarks/team.py on mines, wean, Intel and CSAIL')
+        'benchmarks/team/accuracy.py on mines, wean, Intel and CSAIL')
     contradiction: float = tuned(
         0.999, '', 'chance with which noise alone stays below the gate of chi-square; nearer to 1 '
         'leaves less out', 'by design')

@@ -136,6 +136,18 @@ def test_files_that_documents_name_exist(document: Path) -> None:
                 if not any((root / name).exists() for root in roots)}
 
 
+def test_benchmarks_that_are_named_exist() -> None:
+    """A figure, or a tuned number, can be measured again only where its benchmark is found."""
+    sources = [*DOCUMENTS, *(ROOT / 'somfusion_ros').rglob('*.py')]
+    named = {name for path in sources for name in
+             re.findall(r'benchmarks/[\w/]+\.py', path.read_text(encoding='utf-8'))}
+    assert not {name for name in named if not (ROOT / name).exists()}
+    modules = {name for path in sources for name in
+               re.findall(r'-m (benchmarks(?:\.\w+)+)', path.read_text(encoding='utf-8'))}
+    assert not {name for name in modules
+                if not (ROOT / f'{name.replace(".", "/")}.py').exists()}
+
+
 def test_readme_begins_with_the_two_commands() -> None:
     text = (ROOT / 'README.md').read_text(encoding='utf-8')
     first = text.index('```sh')
