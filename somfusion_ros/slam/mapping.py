@@ -26,7 +26,8 @@ class MappingTuning:
     """Steps of evidence (section II-B)."""
 
     hit: float = tuned(
-        0.4, 'evidence', 'a beam that ends in a cell takes this away', 'benchmarks/data/real_maps.py')
+        0.4, 'evidence', 'a beam that ends in a cell takes this away',
+        'benchmarks/data/real_maps.py')
     passed: float = tuned(
         0.15, 'evidence', 'a beam that passes a cell adds this', 'benchmarks/data/real_maps.py')
     beside: int = tuned(
