@@ -19,6 +19,8 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.shared_map import SharedMap
 
+MOST_ABSENT = 64    # robots that are remembered; of those whose map is here the first by name
+
 
 @dataclass(frozen=True, eq=False)
 class DepartedRobot:
@@ -54,6 +56,7 @@ class DepartedRobots:
         team = self._team
         mine = {robot: self._mine(robot) for robot in team.maps.keys() - {*present, team.name}}
         words = self._words(mine, present)
+        team.absent = frozenset(words)
         self.sources = {}
         for robot, said in words.items():
             owner, gone = _agreed(said)
@@ -83,7 +86,8 @@ class DepartedRobots:
             for gone in self._offers[owner]:
                 if gone.robot not in present and gone.robot != self._team.name and gone.known:
                     words.setdefault(gone.robot, []).append((owner, gone))
-        return words
+        most = sorted(words, key=lambda robot: (robot not in mine, robot))[:MOST_ABSENT]
+        return {robot: words[robot] for robot in most}
 
     def _cells(self, robot: str) -> int:
         """Count the known cells of a robot's map, once per map."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The global map as it is drawn, whenever one of its maps or poses changed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 from somfusion_ros.geometry import Pose
@@ -18,10 +18,18 @@ class GlobalDrawing:
 
     def __init__(self, robot_radius: float, say: Callable[[str], object]) -> None:
         self._robot_radius, self._say = robot_radius, say
+        self._own, self._trusted = '', set[str]()
         self._drawn: dict[str, tuple[SharedMap, Pose]] = {}
 
-    def draw(self, shown: Mapping[str, SharedMap], world: Mapping[str, Pose]) -> Grid | None:
-        """Draw maps at T_world_map; None where that would look like the last drawing."""
+    def draw(self, shown: Mapping[str, SharedMap], world: Mapping[str, Pose], own: str,
+             trusted: Collection[str]) -> Grid | None:
+        """
+        Draw maps at T_world_map; None where that would look like the last drawing.
+
+        Where a robot has driven is free only if it is the own one, or trusted: the own match
+        accepted it.
+        """
+        self._own, self._trusted = own, {own, *trusted}
         parts = {robot: (shown[robot], Pose(*np.round(pose, DIGITS)))
                  for robot, pose in world.items() if robot in shown}
         if not parts or self._looks_drawn(parts):
@@ -40,8 +48,9 @@ class GlobalDrawing:
             return merge_grids(
                 {robot: shared.grid for robot, (shared, _) in parts.items()},
                 {robot: pose for robot, (_, pose) in parts.items()}, sizes[(len(sizes) - 1) // 2],
-                {robot: shared.driven for robot, (shared, _) in parts.items()},
-                self._robot_radius)
+                {robot: shared.driven for robot, (shared, _) in parts.items()
+                 if robot in self._trusted},
+                self._robot_radius, self._own)
         except ValueError as error:
             if len(parts) == 1:
                 raise

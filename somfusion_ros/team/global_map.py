@@ -35,7 +35,7 @@ TUNING = DrawingTuning()
 
 def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
                 resolution: float | None = None, driven: Mapping[str, Array] | None = None,
-                robot_radius: float = 0.0) -> Grid:
+                robot_radius: float = 0.0, own: str = '') -> Grid:
     """
     Sum the evidence of several maps in the world frame.
 
@@ -51,6 +51,9 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
         Points [m] of a robot's map frame in which its centre has been, by robot.
     robot_radius : float
         Within this distance [m] of them, what a robot's own map calls free is free.
+    own : str
+        The robot that draws: nobody frees what it sees as a wall, unless that is no larger than
+        a robot.
 
     Returns
     -------
@@ -81,15 +84,18 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
     low, high = np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)
     _check_size(high - low)
     total = np.zeros((high - low)[::-1], np.float32)
-    free = np.zeros(total.shape, bool)
+    free, kept = np.zeros(total.shape, bool), np.zeros(total.shape, bool)
     for (name, part), (first, last) in zip(parts.items(), boxes):
         window = tuple(slice(a, b) for a, b in zip((first - low)[::-1], (last - low)[::-1]))
         evidence = _resample(part, poses[name], resolution, first, last)
         total[window] += evidence
+        if name == own:
+            kept[window] = _larger_than(2.0 * robot_radius / resolution + 2.0, evidence)
         if driven is not None and len(driven.get(name, ())):
             been = apply(poses[name], driven[name]) / resolution - first
             free[window] |= _discs(been, robot_radius / resolution, evidence.shape) & (
                 evidence > FREE_ABOVE)
+    free &= ~kept
     total[free] = np.maximum(total[free], 1.0)
     x, y = low * resolution
     return Grid(np.clip(total, -1.0, 1.0), resolution, Pose(x, y, 0.0))
@@ -101,6 +107,15 @@ def _discs(points: Array, radius: float, shape: tuple[int, int]) -> NDArray[np.b
     for column, row in np.unique(np.floor(points).astype(int), axis=0).tolist():
         cv2.circle(mask, (column, row), int(np.ceil(radius)), 1, cv2.FILLED)
     return mask.astype(bool)
+
+
+def _larger_than(size: float, evidence: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Mask of the walls that reach over more cells than a size in one direction."""
+    walls = (evidence < OCCUPIED_BELOW).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(walls, connectivity=8)
+    large = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(1) > size
+    large[0] = False
+    return np.asarray(large[labels], bool)
 
 
 def _known_part(grid: Grid) -> Grid | None:

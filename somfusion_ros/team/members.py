@@ -47,8 +47,9 @@ class Team:
     """
     One robot's knowledge of its team.
 
-    epochs: which map every robot has now, or had last; begun: how many each began after its first;
-    maps: the newest of every robot, shown: those to draw.
+    epochs: which map every robot has now, or had last; absent: robots that are not there; begun:
+    how many maps each began after its first; maps: the newest of every robot; shown: those to
+    draw.
     """
 
     def __init__(self, name: str, minimum_change: float = 0.1,
@@ -56,6 +57,7 @@ class Team:
         self.name = name
         self.minimum_change = minimum_change
         self.epochs: dict[str, Epoch] = {}
+        self.absent: frozenset[str] = frozenset()
         self.begun: Counter[str] = Counter()
         self.maps: dict[str, SharedMap] = {}
         self.shown: dict[str, SharedMap] = {}
@@ -95,9 +97,15 @@ class Team:
         for record in (self.epochs, self.begun, self.maps, self.shown, self._heard):
             record.pop(robot, None)
 
-    def lives(self, constraint: MapConstraint) -> bool:
-        """Return whether both maps that a constraint joins are those that the robots have now."""
+    def counts(self, constraint: MapConstraint) -> bool:
+        """
+        Return whether a constraint joins the maps that two known robots have now.
+
+        A robot is known by its own word while it is there, and by its map when it is gone: one
+        that others only tell of is nobody.
+        """
         return all(self.epochs.get(robot) == epoch
+                   and (robot in self.maps or robot not in self.absent)
                    for robot, epoch in zip(constraint.robots, constraint.epochs))
 
     def update_map(self, robot: str, new: SharedMap) -> bool:
@@ -196,7 +204,7 @@ class Team:
         constraints = self._known_constraints() + [
             c for c in (*self.own_constraints(), *(c for said in self._heard.values()
                                                    for c in said))
-            if self.lives(c) and not {*c.robots} <= known.keys()]
+            if self.counts(c) and not {*c.robots} <= known.keys()]
         robots = {self.name, *self.maps, *(robot for c in constraints for robot in c.robots)}
         key = robots, [(*c.robots, c.author, *c.T_target_source, c.covariance.tobytes(),
                         c.probability) for c in constraints]

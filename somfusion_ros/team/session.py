@@ -196,7 +196,8 @@ class FusionSession:
 
     def draw(self) -> Grid | None:
         """Draw the global map; None where it would look like the last one."""
-        return self._drawing.draw(self._team.shown, self.snapshot.world(self._name))
+        return self._drawing.draw(self._team.shown, self.snapshot.world(self._name), self._name,
+                                  self.snapshot.own_transforms)
 
     def reset(self) -> None:
         """Forget all verdicts and begin again."""

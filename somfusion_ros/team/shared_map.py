@@ -14,9 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array, Pose
-from somfusion_ros.grid import FREE, Grid
+from somfusion_ros.grid import FREE, Grid, UNKNOWN
 from somfusion_ros.settings import tuned
 
+WALL = 65                       # occupancy from which a cell is a wall
+FEW_WALLS = 10000               # cells; a smaller map may be all walls, it costs nothing
+MOST_WALLS = 1 << 20            # cells of wall; what is learned of them takes 0.7 kB each
 DRIVEN = -2                     # value of a cell in which the robot's centre has been
 
 
@@ -28,6 +31,9 @@ class SharedMapTuning:
     coarsest: float = tuned(5.0, 'm', 'edge of the largest cell of any map', 'by design')
     farthest: float = tuned(
         1e5, 'm', "anything farther from its frame's origin is no place of a robot", 'by design')
+    most_walls_share: float = tuned(
+        0.5, '', 'a map of which more is wall than this, of the known cells, is none: real ones '
+        'have 0.03, and at most 0.14', 'the shared pairs')
     leap: float = tuned(
         1.0, 'm', 'two places of a path that are farther apart were not joined by driving '
         'straight', 'not measured')
@@ -76,6 +82,10 @@ class SharedMap:
 
 def check(cells: MapCells) -> None:
     """Raise ValueError, naming what is wrong, on a geometry that no robot's map has."""
+    walls = np.count_nonzero(cells.values >= WALL)
+    if walls > MOST_WALLS or (walls > FEW_WALLS and walls > TUNING.most_walls_share
+                              * np.count_nonzero(cells.values != UNKNOWN)):
+        raise ValueError(f'{walls} cells of wall are too many for a map of this size')
     low, high, far = TUNING.finest, TUNING.coarsest, TUNING.farthest
     if not low <= cells.resolution <= high:
         raise ValueError(f'resolution {cells.resolution:.3g} m is outside [{low}, {high}]')

@@ -46,6 +46,7 @@ class Discovery:
         self._silent: Counter[str] = Counter()
         self._own_state = node.resolve_topic_name(f'{prefix}{names.TEAM_STATE}')
         self._first_seen: dict[str, float] = {}
+        self._present_at: dict[str, float] = {}
         self._plain: dict[str, list[Any]] = {}
         self.looks = 0
         self.teams: set[str] = set()
@@ -59,17 +60,20 @@ class Discovery:
         teams = find_peers(topics, names.TEAM_STATE, names.STATE_TYPE, self._own_state, peers)
         for peer in teams:
             if peer not in self.teams and self._node.count_publishers(
-                    f'/{peer}/{names.TEAM_STATE}'):
+                    f'/{peer}/{names.TEAM_STATE}') and self._room_for(peer):
                 self._listen_to_team(peer)
         now = time.monotonic()
-        for peer in find_peers(topics, self._config.robot_map_topic, names.MAP_TYPE, self._own_map,
-                               peers):
-            first = self._first_seen.setdefault(peer, now) if self._room_for(peer) else now
-            if peer not in self._heard and now - first >= self._config.plain_map_delay:
+        plain = find_peers(topics, self._config.robot_map_topic, names.MAP_TYPE, self._own_map,
+                           peers)
+        self._first_seen = {peer: self._first_seen.get(peer, now) for peer in plain}
+        for peer, first in self._first_seen.items():
+            if (peer not in self._heard and now - first >= self._config.plain_map_delay
+                    and self._room_for(peer)):
                 self._listen_to_plain(peer)
         self._look_at_slams()
         self.alive = self._publishing(names.RELATIVE_TRANSFORMS)
         self.present = self._publishing(self._config.robot_map_topic)
+        self._present_at |= dict.fromkeys(self.present, now)
 
     def _publishing(self, plain_topic: str) -> set[str]:
         """Name robots that publish a state, or a plain topic where they have no fusion node."""
@@ -93,13 +97,27 @@ class Discovery:
                 plain.publisher(robot, found[0])
 
     def _room_for(self, peer: str) -> bool:
-        """Return whether one more robot may be listened to."""
-        return peer in self._first_seen or len(self._first_seen) < MOST_PEERS
+        """Return whether a robot may be listened to; who is gone for longest makes room."""
+        if peer in self._heard or len(self._heard) <= MOST_PEERS:
+            return True
+        gone = self._heard.keys() - self.present - {self._receiver.inbox.name}
+        if not gone:
+            return False
+        self._forget(min(gone, key=lambda one: (self._present_at.get(one, 0.0), one)))
+        return True
+
+    def _forget(self, peer: str) -> None:
+        """Listen to a robot no more; what the team knows of it is the team's affair."""
+        for subscription in self._plain.pop(peer, ()):
+            self._node.destroy_subscription(subscription)
+        self._link.forget(peer)
+        self._receiver.inbox.forget(peer)
+        for known in (self._present_at, self._publishers, self._silent):
+            known.pop(peer, None)
+        self.teams.discard(peer)
 
     def _listen_to_team(self, peer: str) -> None:
         """Subscribe to what a robot with a fusion node publishes always."""
-        if len(self.teams) >= MOST_PEERS:
-            return
         for subscription in self._plain.pop(peer, ()):
             self._node.destroy_subscription(subscription)
         self._say(peer, 'a fusion node')

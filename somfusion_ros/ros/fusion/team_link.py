@@ -42,6 +42,7 @@ class TeamLink:
         self._epoch: Epoch | None = None
         self._since = 0
         self._wanted: set[str] = set()
+        self._subscriptions: dict[str, list[Any]] = {}
         self._clusters: dict[str, Any] = {}
         self._state = node.create_publisher(String, f'{prefix}{names.TEAM_STATE}', qos.LATCHED)
         self._pose = node.create_publisher(PoseWithCovarianceStamped,
@@ -59,11 +60,20 @@ class TeamLink:
         self._clusters[peer] = self._subscribe(PointCloud2, peer, names.CLUSTERS, on.on_clusters)
         self._subscribe(PoseWithCovarianceStamped, peer, names.TEAM_POSE, on.on_team_pose)
 
+    def forget(self, peer: str) -> None:
+        """Subscribe to nothing of a peer any more."""
+        for subscription in self._subscriptions.pop(peer, ()):
+            self._node.destroy_subscription(subscription)
+        self._clusters.pop(peer, None)
+        self._wanted.discard(peer)
+
     def want(self, peers: Collection[str]) -> None:
         """Subscribe to the maps of some peers, in place of their clusters."""
         for peer in set(peers) - self._wanted:
             self._wanted.add(peer)
-            self._node.destroy_subscription(self._clusters.pop(peer))
+            clusters = self._clusters.pop(peer)
+            self._subscriptions[peer].remove(clusters)
+            self._node.destroy_subscription(clusters)
             for channel, topic in STREAMS.items():
                 self._subscribe(UInt8MultiArray, peer, topic,
                                 partial(self._receiver.on_bytes, channel=channel))
@@ -95,8 +105,10 @@ class TeamLink:
 
     def _subscribe(self, kind: type, peer: str, topic: str, callback: Callable[..., None]) -> Any:
         """Subscribe to one topic of a peer."""
-        return self._node.create_subscription(kind, f'/{peer}/{topic}', partial(callback, peer),
+        made = self._node.create_subscription(kind, f'/{peer}/{topic}', partial(callback, peer),
                                               qos.LATCHED)
+        self._subscriptions.setdefault(peer, []).append(made)
+        return made
 
     def _on_own_state(self, message: String) -> None:
         """Notice another robot under this one's name."""

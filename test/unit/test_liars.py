@@ -1,0 +1,263 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a liar can do to a team, and what it cannot: bounded time, one voice, no ghosts."""
+
+from collections.abc import Iterable
+import time
+import tracemalloc
+
+from helpers import fake_grid, fake_room, furnished_room, pose_error
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.geometry import between, Pose
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.channels import CHANGES, MAP, STATE
+from somfusion_ros.team.config import TeamConfig
+from somfusion_ros.team.constraint import MapConstraint, sane_covariance, turned
+from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
+from somfusion_ros.team.global_map import merge_grids
+from somfusion_ros.team.graph import solve
+from somfusion_ros.team.heard import Heard
+from somfusion_ros.team.inbox import Inbox
+from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.members import Team
+from somfusion_ros.team.names import robot_name
+from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.shared_map import MapCells, MOST_WALLS, SharedMap
+from somfusion_ros.team.state_codec import encode_state, MAX_CONSTRAINTS, TeamState
+from somfusion_ros.team.voices import one_voice_each
+
+ROOM = fake_grid(fake_room())
+GOOD = np.diag([1e-4, 1e-4, 1e-6])
+LONGEST = 0.1      # [s] of CPU in which a refresh ends, whatever a peer sends
+MEGABYTE = 2 ** 20
+
+
+def honest_team(count: int, rng: np.random.Generator) -> tuple[dict[str, Pose],
+                                                               list[MapConstraint]]:
+    """Place robots, each of which matched the next four."""
+    truth = {f'r{k:02d}': Pose(*rng.uniform(-50, 50, 2), rng.uniform(-3, 3))
+             for k in range(count)}
+    names = list(truth)
+    said = [MapConstraint(a, b, Pose.from_array(
+        between(truth[a], truth[b]) + rng.normal(0, (0.02, 0.02, 0.003))), GOOD, 0.95, author=a)
+        for k, a in enumerate(names) for b in names[k + 1:k + 5]]
+    return truth, said
+
+
+def lies(liar: str, peers: Iterable[str], rng: np.random.Generator) -> list[MapConstraint]:
+    """Say four wrong things about every peer, as many as a state can hold."""
+    return [MapConstraint(liar, peer, Pose(*rng.uniform(-20, 20, 2), rng.uniform(-3, 3)), GOOD,
+                          1.0, kind, author=liar)
+            for peer in peers for kind in ('match', 'sighting', 'sighting', 'sighting')][
+                :MAX_CONSTRAINTS]
+
+
+def cpu(job: object, *args: object) -> tuple[float, object]:
+    """Time [s] of CPU that a job takes, the better of two, and its result."""
+    took = []
+    for _ in range(2):
+        start = time.process_time()
+        result = job(*args)
+        took.append(time.process_time() - start)
+    return min(took), result
+
+
+def test_256_sightings_of_a_liar_end_in_time_and_move_nobody(rng: np.random.Generator) -> None:
+    truth, said = honest_team(24, rng)
+    liar = 'r23'
+    fake = lies(liar, list(truth)[:-1], rng) * 3
+    took, solution = cpu(solve, truth, said + fake[:MAX_CONSTRAINTS])
+    assert took < LONGEST
+    group = solution.group_of('r00')
+    for robot in list(truth)[:-1]:
+        assert pose_error(group[robot], between(truth['r00'], truth[robot]))[0] < 0.5
+    assert any(f'all that {liar} says is left out' in one.reason for one in solution.dropped)
+
+
+def test_1750_ghosts_are_nobody() -> None:
+    team = Team('a')
+    for robot in 'ab':
+        team.update_map(robot, SharedMap(ROOM))
+    ghosts = [MapConstraint('b', f'g{k}', Pose(1, 2, 3), GOOD) for k in range(1750)]
+    team.hear('b', [MapConstraint('a', 'b', Pose(1, 0, 0), GOOD), *ghosts])
+    took, solution = cpu(team.solution)
+    assert took < LONGEST
+    assert set(solution.group_of('a')) == {'a', 'b'}
+
+
+def test_absent_robots_that_only_others_tell_of_are_bounded_and_nobody() -> None:
+    team = Team('a')
+    team.update_map('a', SharedMap(ROOM))
+    departed = DepartedRobots(team)
+    for owner in 'bcdef':
+        team.begin(owner, Epoch())
+        departed.hear(owner, tuple(DepartedRobot(f'{owner}{k}', 10 ** 9, tuple(
+            MapConstraint(f'{owner}{k}', f'{owner}{j}', Pose(1, 2, 3), GOOD) for j in range(20)
+            if j != k)) for k in range(64)))
+    departed.update(set('bcdef'))
+    took, solution = cpu(team.solution)
+    assert took < LONGEST
+    assert len(team.epochs) <= 6 + 64
+    assert all(len(group) == 1 for group in solution.groups)
+
+
+def test_a_match_and_a_sighting_of_one_liar_do_not_outvote_two_honest_robots() -> None:
+    """The liar z says twice where it is in a; a and b agree that it is elsewhere."""
+    there, wrong, b_there = Pose(3, 1, 0.5), Pose(-6, 2, -1.0), Pose(2.0, 0.0, 0.2)
+    said = [MapConstraint('a', 'b', b_there, GOOD, 0.95, author='a'),
+            MapConstraint('a', 'z', there, GOOD, 0.95, author='a'),
+            MapConstraint('b', 'z', Pose.from_array(between(b_there, there)), GOOD, 0.95,
+                          author='b'),
+            *[MapConstraint('a', 'z', wrong, GOOD, 1.0, kind, author='z')
+              for kind in ('match', 'sighting', 'sighting')]]
+    solution = solve('abz', said)
+    assert pose_error(solution.group_of('a')['z'], there)[0] < 0.1
+    assert {one.constraint.author for one in solution.dropped} == {'z'}
+
+
+def test_one_voice_is_as_sure_as_its_parts_together() -> None:
+    match = MapConstraint('a', 'b', Pose(1, 2, 0.5), GOOD, author='a')
+    seen = turned(MapConstraint('a', 'b', Pose(1.1, 2, 0.5), 4 * GOOD, kind='sighting',
+                                author='a'))
+    (voice,), wrong = one_voice_each([match, seen, seen])
+    assert not wrong
+    assert voice.kind == 'match'
+    assert np.allclose(np.linalg.inv(voice.covariance), np.linalg.inv(GOOD) + np.linalg.inv(
+        turned(seen).covariance), rtol=1e-6)
+    assert 1.0 < voice.T_target_source.x < 1.1
+
+
+@given(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3))
+def test_a_constraint_turned_twice_says_the_same(x: float, y: float, theta: float) -> None:
+    one = MapConstraint('a', 'b', Pose(x, y, theta), np.diag([0.01, 0.04, 1e-4]))
+    again = turned(turned(one))
+    assert np.allclose(again.T_target_source, one.T_target_source)
+    assert np.allclose(again.covariance, one.covariance, atol=1e-9)
+    assert turned(one).robots == ('b', 'a')
+
+
+@pytest.mark.parametrize('bad', [
+    np.zeros((3, 3)), -GOOD, np.full((3, 3), np.nan), np.diag([1e9, 1.0, 1.0]),
+    np.diag([1.0, 1.0, 1e4]), np.ones((3, 3)), np.eye(2),
+    np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1]]),
+    np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1.0]])])
+def test_covariances_that_are_none_are_refused(bad: np.ndarray) -> None:
+    with pytest.raises(ValueError, match='covariance'):
+        sane_covariance(bad)
+
+
+@pytest.mark.parametrize('name', ['', 'a b', 'a/', '/a', '1a', 'a//b', 'ä', '\ud800', 'a\n',
+                                  'a__b', 'r' * 65, 'a/1', None, 7, b'a', '../../etc'])
+def test_what_is_no_ros_name_is_no_robot(name: object) -> None:
+    with pytest.raises(ValueError, match='no name of a robot'):
+        robot_name(name)
+
+
+@pytest.mark.parametrize('name', ['robot1', 'fleet/r5', '_a', 'R' * 64])
+def test_ros_names_are_robots(name: str) -> None:
+    assert robot_name(name) == name
+
+
+def walls(side: int, share: float) -> MapCells:
+    """Draw a map of which a share is wall."""
+    cells = np.zeros((side, side), np.int8)
+    cells[:int(side * share)] = 100
+    return MapCells(cells, 0.05, Pose())
+
+
+def test_a_map_of_walls_alone_is_refused_before_it_costs_anything() -> None:
+    """15 kB on the wire cost 39 s and 10.6 GB."""
+    encoder = MapEncoder()
+    encoder.encode(walls(4000, 1.0))
+    assert len(encoder.key) < 20000
+    tracemalloc.start()
+    start = time.process_time()
+    with pytest.raises(ValueError, match='cells of wall'):
+        SharedMap.from_cells(walls(4000, 1.0))
+    assert time.process_time() - start < 2.0
+    assert tracemalloc.get_traced_memory()[1] < 200 * MEGABYTE
+    tracemalloc.stop()
+    with pytest.raises(ValueError, match='cells of wall'):
+        SharedMap.from_cells(walls(4000, MOST_WALLS / 4000 ** 2 + 0.01))
+    assert SharedMap.from_cells(walls(100, 0.9)).grid.occupied.any()   # a small map costs nothing
+
+
+def test_nobody_frees_a_wall_that_the_own_robot_sees() -> None:
+    """The liar says that it drove through every wall, and that all is free."""
+    own = fake_grid(fake_room())
+    free = fake_grid(fake_room())
+    free.evidence[:] = 1.0
+    everywhere = {'z': free.points(free.evidence > 0)}
+    grids, poses = {'a': own, 'z': free}, {'a': Pose(), 'z': Pose()}
+    erased = merge_grids(grids, poses, driven=everywhere, robot_radius=0.35)
+    kept = merge_grids(grids, poses, driven=everywhere, robot_radius=0.35, own='a')
+    corners = own.points(own.occupied)
+    outer = corners[(np.abs(corners[:, 1]) < 0.1)]   # one wall from end to end
+    assert len(outer) > 50
+    assert erased.evidence[tuple(erased.point_to_cell(outer).T)].min() == 1.0
+    assert kept.evidence[tuple(kept.point_to_cell(outer).T)].max() <= 0.0
+
+
+def station(counts: list[str], clock: list[float]) -> tuple[Inbox, FusionSession]:
+    """Make what robot a hears its peers with."""
+    session = FusionSession('a', TeamConfig(), FusionConfig(), lambda text: None)
+    inbox = Inbox('a', session, 10 ** 6, lambda kind, reason='': counts.append(kind),
+                  lambda: clock[0])
+    inbox.heard['a'] = Heard()
+    session.begin('a', Epoch('1f'), 0.0)
+    session.take_map('a', SharedMap(fake_grid(furnished_room())))
+    return inbox, session
+
+
+def state(number: int, **parts: object) -> str:
+    """Write a state of a peer."""
+    return encode_state(TeamState('ab12', number=number, epoch=Epoch('2e'), **parts))
+
+
+def test_the_memory_of_a_peer_has_a_bound_that_it_cannot_pass() -> None:
+    """
+    Per peer: one waiting message per channel, one key, one waiting change, one map.
+
+    At most 2 bytes of a stream per cell, twice, and 6 bytes per cell of the map: 10 MB for the
+    million cells of this test.
+    """
+    clock, counts = [0.0], []
+    inbox, session = station(counts, clock)
+    inbox.heard['z'] = Heard()
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 100, (1000, 1000)).astype(np.int8)
+    noise[noise >= 65] = -1
+    tracemalloc.start()
+    for number in range(12):
+        clock[0] += 1.0
+        inbox.keep('z', STATE, state(number, constraints=tuple(
+            MapConstraint('z', f'g{k}', Pose(), GOOD) for k in range(MAX_CONSTRAINTS))), 0, str)
+        encoder = MapEncoder()
+        encoder.encode(MapCells(np.roll(noise, number), 0.05, Pose()), Epoch('2e'))
+        for channel in (MAP, CHANGES):
+            inbox.keep('z', channel, encoder.key, len(encoder.key), bytes)
+        inbox.drain()
+        session.refresh({'z'})
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert held < 12 * MEGABYTE
+    assert session.epoch_of('z') == Epoch('2e')
+
+
+def test_a_state_that_is_late_or_doubled_changes_nothing() -> None:
+    clock, counts = [0.0], []
+    inbox, session = station(counts, clock)
+    inbox.heard['z'] = Heard()
+    placed = (MapConstraint('a', 'z', Pose(1, 2, 0.3), GOOD, epochs=(Epoch('1f'), Epoch('2e'))),)
+    for number, said in ((5, placed), (4, ()), (5, ()), (0, ())):
+        inbox.keep('z', STATE, state(number, constraints=said), 0, str)
+        inbox.drain()
+    assert set(session.refresh({'z'}).solution.group_of('a')) == {'a', 'z'}
+    inbox.keep('z', STATE, state(6), 0, str)
+    inbox.drain()
+    assert set(session.refresh({'z'}).solution.group_of('a')) == {'a'}
+    assert not counts
