@@ -102,8 +102,8 @@ def _constraints(items: Any) -> tuple[MapConstraint, ...]:
 
 def _constraint(item: dict[str, Any]) -> MapConstraint:
     """Read one constraint."""
-    pose = Pose.from_array(_numbers(item['pose'], 3))
-    if max(abs(pose.x), abs(pose.y)) > TUNING.farthest:
+    pose = Pose(*_numbers(item['pose'], 3).tolist())   # as it is: to wrap an angle rounds it
+    if max(abs(pose.x), abs(pose.y)) > TUNING.farthest or abs(pose.theta) > 4.0:
         raise ValueError(f'{pose.x:.3g}, {pose.y:.3g} is too far for the frame of a map')
     kind, (probability,) = item['kind'], _numbers([item['probability']], 1)
     if kind not in KINDS or not 0.0 <= probability <= 1.0:
