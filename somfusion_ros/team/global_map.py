@@ -10,6 +10,7 @@ robot has driven there is no wall: what others saw there was the robot.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -78,9 +79,24 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
     if resolution is None:
         resolution = min(grids[name].resolution for name in names)
     parts = {name: part for name in names if (part := _known_part(grids[name])) is not None}
-    boxes = [_bounds(part, poses[name], resolution) for name, part in parts.items()]
-    if not boxes:
+    if not parts:
         return Grid(np.zeros((1, 1), np.float32), resolution)
+    bodies = Bodies(driven or {}, robot_radius, own)
+    return _sum(parts, poses, resolution, bodies)
+
+
+class Bodies(NamedTuple):
+    """Where robots have driven [m] in their own maps, their radius [m], and the one that draws."""
+
+    driven: Mapping[str, Array]
+    radius: float
+    own: str
+
+
+def _sum(parts: Mapping[str, Grid], poses: Mapping[str, Pose], resolution: float,
+         bodies: Bodies) -> Grid:
+    """Sum the evidence of the known parts of maps, and free where robots have driven."""
+    boxes = [_bounds(part, poses[name], resolution) for name, part in parts.items()]
     low, high = np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)
     _check_size(high - low)
     total = np.zeros((high - low)[::-1], np.float32)
@@ -89,11 +105,11 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
         window = tuple(slice(a, b) for a, b in zip((first - low)[::-1], (last - low)[::-1]))
         evidence = _resample(part, poses[name], resolution, first, last)
         total[window] += evidence
-        if name == own:
-            kept[window] = _larger_than(2.0 * robot_radius / resolution + 2.0, evidence)
-        if driven is not None and len(driven.get(name, ())):
-            been = apply(poses[name], driven[name]) / resolution - first
-            free[window] |= _discs(been, robot_radius / resolution, evidence.shape) & (
+        if name == bodies.own:
+            kept[window] = _larger_than(2.0 * bodies.radius / resolution + 2.0, evidence)
+        if len(bodies.driven.get(name, ())):
+            been = apply(poses[name], bodies.driven[name]) / resolution - first
+            free[window] |= _discs(been, bodies.radius / resolution, evidence.shape) & (
                 evidence > FREE_ABOVE)
     free &= ~kept
     total[free] = np.maximum(total[free], 1.0)

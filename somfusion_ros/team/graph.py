@@ -165,9 +165,10 @@ def _information(constraints: list[MapConstraint]) -> Array:
     are the same, so they are averaged as in covariance intersection with equal weights.
     """
     alike = Counter((frozenset(c.robots), c.kind) for c in constraints)
-    return np.array([np.linalg.inv(with_drift(c.T_target_source, c.covariance))
-                     / alike[frozenset(c.robots), c.kind]
-                     for c in constraints]).reshape(-1, 3, 3)
+    P = np.array([with_drift(c.T_target_source, c.covariance)
+                  * alike[frozenset(c.robots), c.kind] for c in constraints]).reshape(-1, 3, 3)
+    information: Array = np.linalg.inv(P)
+    return information
 
 
 def _contradicts(graph: PoseGraph, estimate: Estimate) -> bool:

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from somfusion_ros.geometry import Array, between, between_jacobians, compose, inverse, wrap
 from somfusion_ros.settings import tuned
 
-MAX_ITERATIONS = 50
+MAX_ITERATIONS = 20
 
 
 @dataclass(frozen=True)

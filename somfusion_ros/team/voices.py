@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Pose, wrap
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, turned, with_drift
@@ -41,7 +42,7 @@ def _voice(said: Sequence[MapConstraint]) -> tuple[MapConstraint, list[Dropped]]
         return said[0], []
     alike = sorted((one if one.target < one.source else turned(one) for one in said),
                    key=lambda one: (one.kind, one.T_target_source))
-    agree = np.array([[_agree(one, other) for other in alike] for one in alike])
+    agree = _agree(alike)
     first = max(range(len(alike)), key=lambda k: (alike[k].kind != 'sighting', agree[k].sum()))
     leader = alike[first]
     return (_merged(leader, [one for one, agrees in zip(alike, agree[first]) if agrees]),
@@ -50,12 +51,20 @@ def _voice(said: Sequence[MapConstraint]) -> tuple[MapConstraint, list[Dropped]]
              for one, agrees in zip(alike, agree[first]) if not agrees])
 
 
-def _agree(one: MapConstraint, other: MapConstraint) -> bool:
-    """Return whether noise, and the drift of the two maps, explain how two constraints differ."""
-    off = np.subtract(other.T_target_source, one.T_target_source)
-    off[2] = wrap(off[2])
-    P = with_drift(one.T_target_source, one.covariance) + other.covariance
-    return bool(off @ np.linalg.solve(P, off) <= chdtri(3, 1.0 - TUNING.contradiction))
+def _agree(alike: Sequence[MapConstraint]) -> NDArray[np.bool_]:
+    """
+    Return which constraints (N,) on one pair agree with which others, (N, N).
+
+    They do where noise, and the drift of the two maps, explain how they differ.
+    """
+    poses = np.array([one.T_target_source for one in alike])
+    off = poses[None] - poses[:, None]
+    off[..., 2] = wrap(off[..., 2])
+    P = np.array([one.covariance for one in alike])
+    drifting = np.array([with_drift(one.T_target_source, one.covariance) for one in alike])
+    weighed = np.linalg.solve(drifting[:, None] + P[None], off[..., None])[..., 0]
+    chi2 = np.einsum('nmi,nmi->nm', off, weighed)
+    return np.asarray(chi2 <= chdtri(3, 1.0 - TUNING.contradiction), bool)
 
 
 def _merged(leader: MapConstraint, agreeing: Sequence[MapConstraint]) -> MapConstraint:
