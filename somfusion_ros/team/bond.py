@@ -25,6 +25,8 @@ class BondSettings:
     fixed: float = tuned(0.1, 'm', 'sigma of the weakest direction that matches must reach',
                          'shared teams')
     resolution: float = tuned(0.05, 'm', 'of the maps whose walls are compared', 'by design')
+    same: float = tuned(1.0, 'm', 'between where two bonds put the same views, of one place',
+                        'mines, live')
     worse: float = tuned(0.02, '', 'share by which walls may agree less than before',
                          'shared teams')
 

@@ -51,6 +51,23 @@ def bond_of(views: Mapping[str, ViewSet], target: str, source: str, T_target_sou
     return problem.judged(matches, poses)
 
 
+def rival_of(bond: Bond, views: Mapping[str, ViewSet], T_target_source: Pose,
+             settings: ElasticSettings | None = None) -> Bond | None:
+    """
+    Ask the views of a pair about another pose; None where they lead to the same place.
+
+    Of bent maps the grids may fit in two ways, each in another part: the views bend both into one.
+    """
+    settings = settings or ElasticSettings()
+    rival = bond_of(views, *bond.pair, T_target_source, settings)
+    own = views[bond.target].poses
+    here, there = ({m.source_view: compose(own[m.target_view], m.z)[:2] for m in one.matches}
+                   for one in (bond, rival))
+    both = here.keys() & there.keys()
+    apart = [float(np.hypot(*(here[view] - there[view]))) for view in both]
+    return None if both and np.median(apart) < settings.bond.same else rival
+
+
 class _Pair:
     """The problem of two robots, in the target's map frame."""
 

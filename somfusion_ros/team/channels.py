@@ -8,6 +8,7 @@ whatever carries bytes.
 """
 
 STATE, POSE, CLUSTERS = 'state', 'pose', 'clusters'
+VIEWS, BONDS = 'views', 'bonds'
 MAP, CHANGES = 'map stream', 'map changes'
 PLAIN_MAP, TRANSFORMS = 'map', 'transforms'   # of a robot without a fusion node
 MAP_CHANNELS = (PLAIN_MAP, MAP, CHANGES)

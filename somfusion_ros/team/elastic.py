@@ -10,6 +10,7 @@ their maps. Whoever knows the same views and bonds finds the same solution.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 from somfusion_ros.geometry import Array, between, compose, fit, Pose
@@ -46,24 +47,39 @@ def straighten(robots: Mapping[str, ViewSet], world: Mapping[str, Pose],
     bonds = [found.get(frozenset((a, b))) or bond_of(
         robots, a, b, Pose.from_array(between(world[a], world[b])), settings)
         for a, b in combinations(robots, 2)]
-    return ElasticTeam(join(robots, world, bonds, settings), tuple(bonds))
+    holding = [bond for bond in bonds if bond.holds]
+    return ElasticTeam(join(robots, world, holding, settings), tuple(bonds))
 
 
-def join(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bonds: Iterable[Bond],
-         settings: ElasticSettings | None = None) -> dict[str, Array]:
+class Joined(Protocol):
+    """Matches between the views of two robots."""
+
+    @property
+    def matches(self) -> tuple[InterMatch, ...]:
+        """The matches."""
+
+
+def join(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bonds: Iterable[Joined],
+         settings: ElasticSettings | None = None, anchor: str = '') -> dict[str, Array]:
     """
     Solve all constraints; return where all views (n, 3) lie in the world, by robot.
 
-    The map of the first robot by name stays, at best, where it is.
+    Parameters
+    ----------
+    robots : views and constraints by robot
+    world : T_world_map by robot, where the accepted pairs have the maps
+    bonds : that hold
+    settings : of every step
+    anchor : the robot whose map stays, at best, where it is; by default the first by name
     """
     names = sorted(robots)
     maps = {name: np.array(world[name]) for name in names}
-    matches = [m for bond in sorted(bonds, key=lambda bond: bond.pair) if bond.holds
-               and {*bond.pair} <= robots.keys() for m in bond.matches]
+    matches = sorted((m for bond in bonds for m in bond.matches), key=lambda m: (
+        m.target, m.source, m.target_view, m.source_view))
     ties = [_tie(robots, maps, names[0], group[0]) for group in _groups(names, matches)[1:]]
     solved = solve_joint(robots, [*matches, *ties], maps,
                          (settings or ElasticSettings()).joint).poses
-    first = names[0]
+    first = anchor if anchor in robots else names[0]
     back = _best_rigid(solved[first], compose(maps[first], robots[first].poses))
     return {name: compose(back, poses) for name, poses in solved.items()}
 

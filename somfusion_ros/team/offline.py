@@ -14,7 +14,7 @@ from somfusion_ros.fusion.measures import measure
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.team.bond import Bond
-from somfusion_ros.team.bonding import bond_of
+from somfusion_ros.team.bonding import bond_of, rival_of
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.elastic import ElasticTeam, straighten
 from somfusion_ros.team.global_map import merge_grids
@@ -118,7 +118,7 @@ def _asked(pair: PairResult, views: Mapping[str, ViewSet], confidence: float) ->
         return pair
     bond, rival = bond_of(views, *names, found.T_target_source), None
     if found.runner_up is not None and found.probability < RULES.clear:
-        rival = bond_of(views, *names, found.runner_up.T_target_source)
+        rival = rival_of(bond, views, found.runner_up.T_target_source)
     return replace(pair, alignment=judge_views(found, bond, rival, confidence), bond=bond)
 
 

@@ -17,13 +17,14 @@ from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
-from somfusion_ros.geometry import between, Pose
+from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
+from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.global_drawing import GlobalDrawing
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.scouting import Scouting
@@ -52,13 +53,19 @@ class SessionTuning:
 
 
 TUNING = SessionTuning()
+ELASTIC = ''    # in place of a robot's name: what is drawn of views
 
 
 class FusionSession:
-    """One robot's team, its verdicts and its global map."""
+    """
+    One robot's team, its verdicts and its global map.
+
+    elastic: what views add; path (n, 3): the robot's own views in its own map as it is now, where
+    that is known.
+    """
 
     def __init__(self, name: str, config: TeamConfig, fusion: FusionConfig,
-                 say: Callable[[str], object]) -> None:
+                 say: Callable[[str], object], clock: Callable[[], float] = lambda: 0.0) -> None:
         known = {robot: Pose(*pose) for robot, pose in config.known_poses().items()}
         self.fusion = fusion
         self._cache = FusionCache()
@@ -75,6 +82,8 @@ class FusionSession:
         self._world = WorldWatch(name, TUNING.jump_distance, TUNING.jump_heading, say)
         self._drawing = GlobalDrawing(config.robot_radius, say)
         self._lapsed: set[str] = set()
+        self.elastic = ElasticSession(name, clock)
+        self.path: Array | None = None
         self.refresh()
 
     def shown_maps(self) -> dict[str, SharedMap]:
@@ -162,7 +171,9 @@ class FusionSession:
         if peer is None:
             return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
         target, source = self._team.grids_of(peer)
-        verdict = align(target, source, self.fusion, cache=self._cache)
+        verdict = self.elastic.weigh(
+            peer, align(target, source, self.fusion, cache=self._cache), self._team.epochs,
+            self.fusion.estimation_confidence)
         self._words[peer] = self._team.record(peer, verdict, target, source, now)
         self._count_jump(peer, self._team.own_transforms().get(peer))
         self._say(f'{self._name} and {peer}: '
@@ -179,7 +190,8 @@ class FusionSession:
             self._say(dropped[new])
         self._dropped = set(dropped)
         group, anchor = solution.group_of(self._name), self._config.world_anchor
-        self._world.look(anchored(group, anchor), anchor_of(group, anchor))
+        placed = self._bent(anchored(group, anchor), anchor_of(group, anchor))
+        self._world.look(placed, anchor_of(group, anchor))
         self.snapshot = Snapshot(
             self._team.own_transforms(), tuple(self._team.own_constraints()), solution,
             {peer: pair.last for peer, pair in pairs.items() if pair.last is not None},
@@ -191,13 +203,24 @@ class FusionSession:
             self._departed.maps(), dict(self._departed.sources), self._jumps, anchor,
             self._world.changes,
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
-            self._team.epochs.get(self._name), dict(self._team.begun))
+            self._team.epochs.get(self._name), dict(self._team.begun), placed)
         return self.snapshot
+
+    def _bent(self, world: dict[str, Pose], anchor: str) -> dict[str, Pose]:
+        """Return T_world_map by robot, where views tell more than the verdicts with them."""
+        self.elastic.update(world, self._team.epochs, anchor)
+        places = self.elastic.places(self.path)
+        return {robot: places.get(robot, pose) for robot, pose in world.items()}
 
     def draw(self) -> Grid | None:
         """Draw the global map; None where it would look like the last one."""
-        return self._drawing.draw(self._team.shown, self.snapshot.world(self._name), self._name,
-                                  self.snapshot.own_transforms)
+        shown, world = self._team.shown, self.snapshot.world(self._name)
+        bent = self.elastic.draw()
+        if bent is not None:
+            rigid = {robot: pose for robot, pose in world.items()
+                     if robot not in self.elastic.solved}
+            shown, world = {**shown, ELASTIC: bent}, {**rigid, ELASTIC: Pose()}
+        return self._drawing.draw(shown, world, self._name, self.snapshot.own_transforms)
 
     def reset(self) -> None:
         """Forget all verdicts and begin again."""

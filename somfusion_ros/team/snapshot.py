@@ -28,7 +28,8 @@ class Snapshot:
     accepted transforms that changed by much; anchor: the robot whose map frame `world` is where
     it is connected; world_changes: how often `world` changed for this robot; doubted: peers whose
     accepted pose was refused on the maps of now; epoch: which map the robot itself has, None
-    before the first; begun: how often every robot began another map.
+    before the first; begun: how often every robot began another map; placed: T_world_map by robot
+    of the connected team, as the views place it where they came.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
@@ -47,9 +48,12 @@ class Snapshot:
     doubted: frozenset[str] = frozenset()
     epoch: Epoch | None = None
     begun: Mapping[str, int] = field(default_factory=dict)
+    placed: Mapping[str, Pose] = field(default_factory=dict)
 
     def world(self, robot: str) -> dict[str, Pose]:
         """Return T_world_map by robot of the connected team; of itself while it is alone."""
+        if robot in self.placed:
+            return dict(self.placed)
         return anchored(self.solution.group_of(robot), self.anchor)
 
     def connected(self, robot: str) -> list[str]:

@@ -9,7 +9,7 @@ views, which are only drawn: a map of views alone knows a sixth to a third less.
 also the robot itself, uses what the bytes say: the same facts then give the same map everywhere.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import struct
 
@@ -149,41 +149,54 @@ def believed(upper: Array) -> Array:
     return raised
 
 
-def tell(stamps: Sequence[float], poses: Array, clouds: Sequence[Cloud],
-         constraints: Iterable[Constraint], scans: Iterable[MapScan] = ()) -> Facts:
-    """
-    Tell of a robot's path: its views, and those of its constraints that are not of the chain.
+class Teller:
+    """Tells of a robot's path what it has not told yet."""
 
-    Parameters
-    ----------
-    stamps, poses, clouds : of n views: [s], (n, 3) T_map_view, and what they saw
-    constraints : between these views, in the order in which they were found
-    scans : kept for the robot's own map, in order; of those between views some are told
-    """
-    steps: dict[int, Constraint] = {}
-    closing = []
-    for constraint in constraints:
-        if constraint.second == len(steps) + 1:     # the first that leads to a view
-            steps[constraint.second] = constraint
-        else:
-            closing.append(encode_constraint(constraint))
-    views = [ViewFact(k, stamp, pose, encode_beams(cloud.outline), steps.get(k)).encode()
-             for k, (stamp, pose, cloud) in enumerate(zip(stamps, poses, clouds, strict=True))]
-    between = [encode_scan(scan) for scan in _spaced(scans, clouds)]
-    return Facts(tuple(views), tuple(closing), tuple(between))
+    def __init__(self) -> None:
+        self._views = self._constraints = self._scans = self._steps = 0
+        self._at: tuple[int, Array] = -1, np.zeros(3)
 
+    def more(self, stamps: Sequence[float], poses: Array, clouds: Sequence[Cloud],
+             constraints: Sequence[Constraint], scans: Sequence[MapScan] = ()) -> Facts:
+        """
+        Return the facts that are new: views, and those constraints that lead to no new view.
 
-def _spaced(scans: Iterable[MapScan], clouds: Sequence[Cloud]) -> Iterator[MapScan]:
-    """Yield scans between views, spaced from one another and from the view before."""
-    last, view = np.zeros(3), -1
-    for scan in scans:
-        if scan.view != view:
-            last, view = np.zeros(3), scan.view
+        Parameters
+        ----------
+        stamps, poses, clouds : of n views: [s], (n, 3) T_map_view, and what they saw
+        constraints : between these views, in the order in which they were found
+        scans : kept for the robot's own map, in order; of those between views some are told
+        """
+        steps, loops = {}, []
+        for constraint in constraints[self._constraints:]:
+            if constraint.second == self._steps + 1:     # the first that leads to a view
+                self._steps += 1
+                steps[constraint.second] = constraint
+            else:
+                loops.append(encode_constraint(constraint))
+        views = [ViewFact(k, stamps[k], poses[k], encode_beams(clouds[k].outline),
+                          steps.get(k)).encode() for k in range(self._views, len(clouds))]
+        between = [encode_scan(scan) for scan in scans[self._scans:]
+                   if self._is_told(scan, clouds)]
+        self._views, self._constraints = len(clouds), len(constraints)
+        self._scans = len(scans)
+        return Facts(tuple(views), tuple(loops), tuple(between))
+
+    def _is_told(self, scan: MapScan, clouds: Sequence[Cloud]) -> bool:
+        """Return whether a scan lies between views, far enough from the one told before."""
+        view, last = self._at
+        last = last if view == scan.view else np.zeros(3)
         x, y, theta = scan.T_view_base - last
-        far = max(np.hypot(x, y), abs(wrap(theta))) >= TUNING.spacing
-        if far and scan.outline is not clouds[view].outline:
-            last = scan.T_view_base
-            yield scan
+        told = bool(max(np.hypot(x, y), abs(wrap(theta))) >= TUNING.spacing
+                    and scan.cloud is not clouds[scan.view])
+        self._at = scan.view, scan.T_view_base if told else last
+        return told
+
+
+def tell(stamps: Sequence[float], poses: Array, clouds: Sequence[Cloud],
+         constraints: Sequence[Constraint], scans: Sequence[MapScan] = ()) -> Facts:
+    """Tell of a robot's path all at once, see `Teller.more`."""
+    return Teller().more(stamps, poses, clouds, constraints, scans)
 
 
 def heard(told: Facts) -> ViewSet:

@@ -66,7 +66,7 @@ def judge_views(alignment: Alignment, bond: Bond, rival: Bond | None, confidence
     """
     if not bond.confirmation.asked:
         return alignment
-    against = max(log_odds(rival), 0.0) if rival is not None else 0.0
+    against = max(log_odds(rival), 0.0) if rival else 0.0
     odds = _logit(alignment.probability) + log_odds(bond) - against
     probability = float(1.0 / (1.0 + np.exp(-odds)))
     accepted = probability >= confidence

@@ -12,6 +12,7 @@ from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.scan import cloud
 from somfusion_ros.team.bond import weakest_direction
+from somfusion_ros.team.bonding import rival_of
 from somfusion_ros.team.confirming import confirm, ConfirmSettings
 from somfusion_ros.team.elastic import ElasticTeam, straighten
 from somfusion_ros.team.inter_matching import MatchingSettings, Placed
@@ -168,3 +169,14 @@ def test_what_was_taken_away_is_cleared_whoever_saw_it_last() -> None:
     cells = tuple(alone.point_to_cell(on_post).T)
     assert alone.evidence[cells].min() < 0.0
     assert drawn.evidence[tuple(drawn.point_to_cell(on_post).T)].min() > 0.0
+
+
+def test_a_rival_that_bends_into_the_same_place_is_none() -> None:
+    views, truth, world = bent_team()
+    bond, = straightened().bonds
+    near = Pose.from_array(compose(np.array(world['robot2']), (0.3, 0.2, 0.05)))
+    far = Pose.from_array(compose(np.array(world['robot2']), (4.0, -3.0, 2.0)))
+    assert rival_of(bond, views, near) is None
+    elsewhere = rival_of(bond, views, far)
+    assert elsewhere is not None
+    assert not elsewhere.holds

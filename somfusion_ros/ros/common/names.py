@@ -14,6 +14,7 @@ GRADED_SUFFIX = '_graded'   # of the same map with graded evidence
 MAP_GRADED = 'map_graded'
 GLOBAL_MAP, GLOBAL_MAP_GRADED = 'global_map', 'global_map_graded'
 DYNAMIC_MAP = 'dynamic_map'
+VIEWS = 'views'            # what a robot's path is made of, as a log
 MAP_EPOCH = 'map_epoch'    # which map it is that the other topics speak of
 
 # The team, for those who use its results.
@@ -24,6 +25,7 @@ PEERS = 'peers'   # followed by the name of a robot and by map, path or clusters
 # What fusion nodes tell one another: states and poses always, maps to those who ask.
 TEAM_STATE, TEAM_POSE = 'team/state', 'team/pose'
 TEAM_MAP, TEAM_MAP_CHANGES = 'team/map', 'team/map_changes'
+TEAM_BONDS = 'team/bonds'         # matches between the views of two robots
 TEAM_DEPARTED = 'team/departed'   # followed by the name of the robot that is gone
 
 # Services below each node's name.

@@ -17,6 +17,10 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
 LATCHED_PER_PAIR = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE,
                               durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
+# A log of which nobody may miss anything, late joiners neither.
+LOG = QoSProfile(depth=4096, reliability=ReliabilityPolicy.RELIABLE,
+                 durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)

@@ -33,6 +33,7 @@ from somfusion_ros.ros.fusion.publisher import FusionPublisher
 from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.status import fusion_statuses, never_seen
 from somfusion_ros.ros.fusion.team_link import TeamLink
+from somfusion_ros.ros.fusion.view_link import ViewLink
 from somfusion_ros.ros.fusion.world_transforms import WorldTransforms
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.config import TeamConfig
@@ -40,6 +41,7 @@ from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.inbox import Inbox
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.sightings import Sightings
+from somfusion_ros.team.view_inbox import ViewInbox
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -66,12 +68,15 @@ class FusionNode(ManagedNode):
         self._name = (config.robot_name or self.get_namespace()).strip('/')
         self._prefix = team_prefix(self.get_namespace(), self._name)
         self._frames = Frames(self._name, config.map_frame, config.world_frame)
-        session = FusionSession(self._name, self._team, self._fusion, self.get_logger().info)
+        session = FusionSession(self._name, self._team, self._fusion, self.get_logger().info,
+                                time.monotonic)
         self._inbox = Inbox(self._name, session, config.max_map_cells, self._count,
                             time.monotonic)
         self._inbox.heard[self._name] = Heard()
         self._sightings = Sightings(self._name, self._inbox.heard, session.take_sighting,
                                     self._count)
+        self._view_inbox = ViewInbox(session.elastic, self._inbox.heard, self._count,
+                                     time.monotonic)
         self._session = session
         self._global: Grid | None = None
         self._draw_due = self._repeat_due = 0.0
@@ -91,6 +96,8 @@ class FusionNode(ManagedNode):
         part, config = self.active_part, self._config
         receiver = Receiver(self._inbox, self._sightings, config.max_map_cells, self._count)
         self._since = time.monotonic()
+        self._views = ViewLink(part, self._prefix, self._name, self._session, self._view_inbox,
+                               self._count)
         self._link = TeamLink(part, self._prefix, receiver, self._count)
         self._departed = DepartedLink(part, self._prefix, receiver)
         self._discovery = Discovery(part, self._prefix, config, self._link, receiver)
@@ -127,6 +134,7 @@ class FusionNode(ManagedNode):
         self._discovery.look()
         snapshot = self._session.snapshot
         self._link.want(snapshot.wanted & self._discovery.teams)
+        self._views.want(snapshot.wanted & self._discovery.teams)
         self._departed.offer(snapshot.departed_maps, {gone.robot: gone.epoch
                                                       for gone in snapshot.departed})
         self._departed.fetch(snapshot.sources)
@@ -139,6 +147,7 @@ class FusionNode(ManagedNode):
         snapshot = self._session.refresh(self._discovery.present)
         self._link.say(snapshot, time.monotonic())
         self._link.flush()
+        self._views.say()
         looked_around = self._discovery.looks >= LOOKS_AROUND
         self._transforms.place(snapshot, self._discovery.alive, looked_around)
         self._draw()
@@ -147,6 +156,7 @@ class FusionNode(ManagedNode):
 
     def _take_messages(self) -> None:
         """Use all that arrived; offer the robot's own map to the peers where it changed."""
+        self._view_inbox.drain()
         own = self._inbox.drain()
         if own is not None:
             self._link.share(own, self._session.epoch_of(self._name) or Epoch())

@@ -16,6 +16,7 @@ from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.diagnostics import diagnostic_array
 from somfusion_ros.ros.common.map_epoch import MapEpoch
 from somfusion_ros.ros.common.tf import Broadcaster
+from somfusion_ros.ros.slam.view_publisher import ViewPublisher
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.step import Step
@@ -38,6 +39,7 @@ class SlamPublisher:
         self._path = node.create_publisher(Path, names.PATH, qos.LATEST)
         self._diagnostics = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.STREAM)
         self._epoch_topic = node.create_publisher(String, names.MAP_EPOCH, qos.LATCHED)
+        self._views = ViewPublisher(node)
         self._epoch: MapEpoch | None = None
         self.sends_transforms = (config.transform_publish_period > 0
                                  and self._transforms.available)
@@ -50,6 +52,7 @@ class SlamPublisher:
         self._path_message = convert.path_message(*slam.views(), frame, stamp)
         self._shown = message, grid
         self.repeat_map()
+        self._views.publish(slam)
         return message
 
     def epoch(self, epoch: Epoch) -> MapEpoch:

@@ -1,0 +1,70 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The topics of the elastic map: `views`, from every slam_node, and `team/bonds`.
+
+`views` is a log: every message is kept for late joiners, so that the middleware itself sends each
+robot what it lacks, by number, once, also after a partition. It is heard only of robots whose
+maps are of use.
+"""
+
+from collections.abc import Callable, Collection
+from functools import partial
+from typing import Any
+
+from nav_msgs.msg import Path
+import numpy as np
+from somfusion_ros.ros.common import names, qos
+from somfusion_ros.ros.common.conversions import pose_from_message
+from somfusion_ros.ros.fusion.team_messages import bytes_from_message, bytes_message
+from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.view_inbox import ViewInbox
+from std_msgs.msg import UInt8MultiArray
+
+
+class ViewLink:
+    """One robot's end of the elastic map; prefix: where its topics for the team stand."""
+
+    def __init__(self, node: Any, prefix: str, robot: str, session: FusionSession,
+                 inbox: ViewInbox, count: Callable[..., None]) -> None:
+        self._node, self._session, self._inbox, self._count = node, session, inbox, count
+        self._wanted: set[str] = set()
+        self._said = session.elastic.own_bonds()
+        self._bonds = node.create_publisher(UInt8MultiArray, f'{prefix}{names.TEAM_BONDS}',
+                                            qos.LATCHED)
+        node.create_subscription(UInt8MultiArray, names.VIEWS,
+                                 partial(self._on_views, robot), qos.LOG)
+        node.create_subscription(Path, names.PATH, self._on_path, qos.LATEST)
+
+    def want(self, peers: Collection[str]) -> None:
+        """Listen to the views and the bonds of some peers."""
+        for peer in set(peers) - self._wanted:
+            self._wanted.add(peer)
+            self._node.create_subscription(UInt8MultiArray, f'/{peer}/{names.VIEWS}',
+                                           partial(self._on_views, peer), qos.LOG)
+            self._node.create_subscription(UInt8MultiArray, f'/{peer}/{names.TEAM_BONDS}',
+                                           partial(self._on_bonds, peer), qos.LATCHED)
+
+    def say(self) -> None:
+        """Publish the bonds that this robot tells, where they changed."""
+        data = self._session.elastic.own_bonds()
+        if data != self._said:
+            self._said = data
+            self._bonds.publish(bytes_message(data))
+
+    def _on_views(self, robot: str, message: UInt8MultiArray) -> None:
+        """Keep what a robot tells of its path."""
+        self._inbox.keep_batch(robot, bytes_from_message(message))
+
+    def _on_bonds(self, robot: str, message: UInt8MultiArray) -> None:
+        """Keep the bonds that a peer tells."""
+        self._inbox.keep_bonds(robot, bytes_from_message(message))
+
+    def _on_path(self, message: Path) -> None:
+        """Note where the robot's own views lie in its own map now."""
+        try:
+            poses = [pose_from_message(item.pose) for item in message.poses]
+        except ValueError as error:
+            self._count('path_unusable', str(error))
+            return
+        self._session.path = np.array(poses, dtype=float).reshape(-1, 3)

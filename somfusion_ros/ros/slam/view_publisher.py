@@ -1,0 +1,37 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a slam_node tells of its path, so that a team can bend its maps together: `views`."""
+
+from array import array
+from typing import Any
+from uuid import uuid4
+
+from somfusion_ros.ros.common import names, qos
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.slam import Slam
+from somfusion_ros.team.view_facts import Teller
+from somfusion_ros.team.view_store import encode_batch
+from std_msgs.msg import UInt8MultiArray
+
+
+class ViewPublisher:
+    """Publishes what of the path was not told yet; of another map all is told anew."""
+
+    def __init__(self, node: Any) -> None:
+        self._topic = node.create_publisher(UInt8MultiArray, names.VIEWS, qos.LOG)
+        self._epoch: Epoch | None = None
+        self._told: tuple[Teller, str]
+
+    def publish(self, slam: Slam) -> None:
+        """Tell what is new."""
+        state = slam.checkpoint()
+        graph = state.graph
+        if graph.epoch != self._epoch:
+            self._epoch, self._told = graph.epoch, (Teller(), uuid4().hex[:12])
+        teller, telling = self._told
+        facts = teller.more(graph.stamps, state.poses, graph.clouds, graph.constraints,
+                            graph.scans)
+        if facts.size:
+            block = array('B')
+            block.frombytes(encode_batch(graph.epoch, telling, facts))
+            self._topic.publish(UInt8MultiArray(data=block))

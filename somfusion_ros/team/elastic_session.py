@@ -1,0 +1,189 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The elastic map of a live team, on one robot: views and bonds in, places and the global map out.
+
+It has no say in who belongs together: verdicts on the grids, weighed with the views, decide that.
+Where the views of a robot did not come, as of one with another SLAM, its map is laid rigidly.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from somfusion_ros.fusion.alignment import Alignment
+from somfusion_ros.geometry import Array, compose, inverse, Pose
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.bond import Bond
+from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, told, ToldBond
+from somfusion_ros.team.bonding import bond_of, rival_of
+from somfusion_ros.team.elastic import join
+from somfusion_ros.team.joint import InterMatch
+from somfusion_ros.team.joint_map import JointMap
+from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.view_set import ViewSet
+from somfusion_ros.team.view_store import ViewStore
+from somfusion_ros.team.view_verdict import could_matter, judge_views, RULES
+
+
+@dataclass(frozen=True)
+class LiveTuning:
+    """How often the team's problem is solved, and how far things move at once."""
+
+    digits: int = tuned(4, 'digits', 'of the poses that are drawn and published [m, rad], so that '
+                        'all robots draw alike', 'by design')
+    resolution: float = tuned(0.05, 'm', 'of the map that is drawn of views', 'by design')
+    share: float = tuned(10.0, '', 'solving takes one part in so many of the time at most',
+                         'by design')
+    soonest: float = tuned(2.0, 's', 'between two solutions', 'by design')
+
+
+TUNING = LiveTuning()
+MOST_ROBOTS = 64
+Epochs = Mapping[str, Epoch]
+
+
+class ElasticSession:
+    """One robot's views and bonds of its team, and what follows from them."""
+
+    def __init__(self, name: str, clock: Callable[[], float]) -> None:
+        self._name, self._clock = name, clock
+        self._stores: dict[str, ViewStore] = {}
+        self._own: dict[str, ToldBond] = {}
+        self._heard: dict[str, list[ToldBond]] = {}
+        self._drawing = JointMap(TUNING.resolution)
+        self._poses: dict[str, Array] = {}
+        self._solved_for: Any = None
+        self._drawn: Any = None
+        self._map: SharedMap | None = None
+        self._solved_views: dict[str, ViewSet] = {}
+        self._last_heard: dict[str, bytes] = {}
+        self._due = 0.0
+        self.solutions = 0
+
+    def take_views(self, robot: str, batch: bytes) -> None:
+        """Add what a robot told of its path; ValueError where it is unusable."""
+        if robot not in self._stores and len(self._stores) >= MOST_ROBOTS:
+            raise ValueError(f'views of more than {MOST_ROBOTS} robots')
+        self._stores.setdefault(robot, ViewStore()).take(batch)
+
+    def take_bonds(self, author: str, data: bytes) -> None:
+        """Replace the bonds that a peer tells; ValueError where they are unusable."""
+        if data != self._last_heard.get(author):     # it is repeated now and then
+            self._heard[author] = decode_bonds(data, author)
+            self._last_heard[author] = data
+
+    def own_bonds(self) -> bytes:
+        """Return the bonds that this robot tells."""
+        return encode_bonds([self._own[peer] for peer in sorted(self._own)])
+
+    def bytes_of(self, robot: str) -> int:
+        """Return how many bytes a robot told of its path."""
+        return self._stores[robot].bytes if robot in self._stores else 0
+
+    def forget(self, robot: str) -> None:
+        """Forget the bonds of a robot whose map is another one, or which left."""
+        self._own.pop(robot, None)
+        self._heard.pop(robot, None)
+        self._last_heard.pop(robot, None)
+
+    def weigh(self, peer: str, verdict: Alignment, epochs: Epochs, confidence: float) -> Alignment:
+        """
+        Weigh a verdict on the grids with the views of both robots, where they have come.
+
+        Of the pair, the map of the first name is the target. What joins them is kept.
+        """
+        target, source = sorted((self._name, peer))
+        views = self._views_of((target, source), epochs)
+        if (len(views) < 2 or verdict.T_target_source is None
+                or not could_matter(verdict.probability, confidence)):
+            return verdict
+        bond, rival = bond_of(views, target, source, verdict.T_target_source), None
+        if verdict.runner_up is not None and verdict.probability < RULES.clear:
+            rival = rival_of(bond, views, verdict.runner_up.T_target_source)
+        judged = judge_views(verdict, bond, rival, confidence)
+        self._keep(peer, bond, judged.accepted, epochs)
+        return judged
+
+    def _keep(self, peer: str, bond: Bond, accepted: bool, epochs: Epochs) -> None:
+        """Keep a bond that holds where this robot is the one that tells it."""
+        self._own.pop(peer, None)
+        if bond.holds and accepted and bond.target == self._name:
+            fresh = told(bond, (epochs[bond.target], epochs[bond.source]))
+            self._own[peer] = decode_bonds(encode_bonds([fresh]), self._name)[0]
+
+    def _views_of(self, robots: tuple[str, ...], epochs: Epochs) -> dict[str, ViewSet]:
+        """Return the views of those robots that told them of their present maps."""
+        found = {}
+        for robot in robots:
+            store = self._stores.get(robot)
+            if store is not None and store.epoch is not None and store.epoch == epochs.get(robot):
+                views = store.views()
+                if len(views):
+                    found[robot] = views
+        return found
+
+    def update(self, world: Mapping[str, Pose], epochs: Epochs, anchor: str) -> None:
+        """
+        Solve the team's problem where something is new and it is time to.
+
+        world: T_world_map by robot of the connected group, as the verdicts have it; epochs: which
+        map every robot has now; anchor: the robot whose map stays, at best, where it is.
+        """
+        views = self._views_of(tuple(sorted(world)), epochs)
+        bonds = [bond for bonds in ([*self._own.values()], *self._heard.values()) for bond in bonds
+                 if {bond.target, bond.source} <= views.keys()
+                 and bond.epochs == (epochs[bond.target], epochs[bond.source])
+                 and _known(bond.matches, views)]
+        if len(views) < 2 or not bonds:
+            self._poses, self._solved_for = {}, None
+            return
+        key = ({name: id(one) for name, one in views.items()}, anchor,
+               sorted((bond.target, bond.source, bond.matches) for bond in bonds))
+        if key == self._solved_for or (self._solved_for and self._clock() < self._due):
+            return
+        start = self._clock()
+        poses = join(views, world, bonds, anchor=anchor)
+        self._poses = {name: np.round(one, TUNING.digits) for name, one in poses.items()}
+        self._solved_for, self._solved_views = key, views
+        self.solutions += 1
+        took = self._clock() - start
+        self._due = start + max(TUNING.soonest, TUNING.share * took)
+
+    def places(self, path: Array | None) -> dict[str, Pose]:
+        """
+        T_world_map by robot such that where each robot is now is right; {} without a solution.
+
+        path (n, 3): the views of this robot in its own map as it is now, where that is known.
+        """
+        found = {}
+        for robot, poses in self._poses.items():
+            own = self._solved_views[robot].poses
+            last = len(poses) - 1
+            if robot == self._name and path is not None and len(path) > last:
+                own = path
+            found[robot] = Pose.from_array(compose(poses[last], inverse(own[last])))
+        return found
+
+    def draw(self) -> SharedMap | None:
+        """Draw the views of all that are solved; None without a solution, the same while it is."""
+        if not self._poses:
+            return None
+        if self._drawn is not self._solved_for:
+            grid = self._drawing.render(self._solved_views, self._poses)
+            driven = np.concatenate([poses[:, :2] for poses in self._poses.values()])
+            self._drawn, self._map = self._solved_for, SharedMap(grid, driven)
+        return self._map
+
+    @property
+    def solved(self) -> list[str]:
+        """Robots whose views lie in the solution."""
+        return sorted(self._poses)
+
+
+def _known(matches: tuple[InterMatch, ...], views: Mapping[str, ViewSet]) -> bool:
+    """Return whether all views that matches join have come."""
+    return bool(matches) and all(m.target_view < len(views[m.target])
+                                 and m.source_view < len(views[m.source]) for m in matches)

@@ -1,0 +1,59 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What robots tell of their paths and of bonds, until the worker has time for it."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+
+from somfusion_ros.team.channels import BONDS, VIEWS
+from somfusion_ros.team.elastic_session import ElasticSession
+from somfusion_ros.team.heard import Heard
+
+MOST_BATCHES = 4096      # of one robot's path that wait
+
+
+class ViewInbox:
+    """Keeps every batch of views, and the newest bonds of every robot."""
+
+    def __init__(self, elastic: ElasticSession, heard: Mapping[str, Heard],
+                 count: Callable[..., None], clock: Callable[[], float]) -> None:
+        self._elastic, self._heard, self._count, self._clock = elastic, heard, count, clock
+        self._batches: dict[str, deque[bytes]] = {}
+        self._bonds: dict[str, bytes] = {}
+
+    def keep_batch(self, robot: str, data: bytes) -> None:
+        """Keep what a robot told of its path; every batch counts."""
+        self._note(robot, VIEWS, data)
+        self._batches.setdefault(robot, deque(maxlen=MOST_BATCHES)).append(data)
+
+    def keep_bonds(self, robot: str, data: bytes) -> None:
+        """Keep the bonds that a robot tells now."""
+        self._note(robot, BONDS, data)
+        self._bonds[robot] = data
+
+    def drain(self) -> None:
+        """Hand all that came on; what is unusable is counted under the robot's name."""
+        for robot, batches in list(self._batches.items()):
+            while batches and self._trusted(robot):
+                self._try(robot, VIEWS, self._elastic.take_views, batches.popleft())
+        for robot in list(self._bonds):
+            if self._trusted(robot):
+                self._try(robot, BONDS, self._elastic.take_bonds, self._bonds.pop(robot))
+
+    def _note(self, robot: str, channel: str, data: bytes) -> None:
+        """Count a message."""
+        if robot in self._heard:
+            self._heard[robot].hear(channel, len(data), self._clock())
+
+    def _trusted(self, robot: str) -> bool:
+        """Return whether one robot only uses a name."""
+        heard = self._heard.get(robot)
+        return heard is None or self._clock() >= heard.taken_until
+
+    def _try(self, robot: str, channel: str, take: Callable[[str, bytes], None], data: bytes
+             ) -> None:
+        """Hand one message on."""
+        try:
+            take(robot, data)
+        except ValueError as error:
+            self._count(f'{channel}_of_{robot}_unusable', str(error))

@@ -1,0 +1,134 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Facts on the way: batches of them as bytes, and what a robot keeps of those it heard.
+
+A batch names the epoch of the map and the telling: a program that is started again tells all anew.
+Batches come in order, some twice; facts have numbers or are their own bytes, so a fact that comes
+again changes nothing.
+"""
+
+from dataclasses import replace
+import struct
+
+import numpy as np
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.mapping import MapScan
+from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.team.beam_code import decode_beams
+from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decode_view, Facts,
+                                           ViewFact)
+from somfusion_ros.team.view_set import ViewSet
+
+VERSION = 1
+VIEW, LOOP, SCAN = 1, 2, 3
+HEAD = struct.Struct('<BBB')      # version, letters of the epoch and of the telling
+FACT = struct.Struct('<BH')       # kind, bytes
+MOST_BYTES = 40_000_000           # of one robot's facts: ten kilometres of driving
+LARGEST_BATCH = 4_000_000         # [bytes]
+
+
+def encode_batch(epoch: Epoch, telling: str, facts: Facts) -> bytes:
+    """Pack facts of one epoch."""
+    words = str(epoch).encode(), telling.encode()
+    parts = [HEAD.pack(VERSION, *map(len, words)), *words]
+    for kind, group in ((VIEW, facts.views), (LOOP, facts.loops), (SCAN, facts.between)):
+        for fact in group:
+            parts += [FACT.pack(kind, len(fact)), fact]
+    return b''.join(parts)
+
+
+def decode_batch(data: bytes) -> tuple[Epoch, str, list[tuple[int, bytes]]]:
+    """Unpack epoch, telling and facts by kind; ValueError where a batch is damaged."""
+    if not HEAD.size <= len(data) <= LARGEST_BATCH:
+        raise ValueError(f'a batch of views has {len(data)} bytes')
+    version, first, second = HEAD.unpack_from(data)
+    if version != VERSION:
+        raise ValueError(f'a batch of views is of version {version}')
+    at = HEAD.size + first + second
+    try:
+        epoch = Epoch.parse(data[HEAD.size:HEAD.size + first].decode('ascii'))
+        telling = data[HEAD.size + first:at].decode('ascii')
+    except UnicodeDecodeError as error:
+        raise ValueError('a batch of views names no epoch') from error
+    facts = []
+    while at < len(data):
+        if at + FACT.size > len(data):
+            raise ValueError('a batch of views is cut short')
+        kind, size = FACT.unpack_from(data, at)
+        at += FACT.size + size
+        if at > len(data):
+            raise ValueError('a batch of views is cut short')
+        facts.append((kind, data[at - size:at]))
+    return epoch, telling, facts
+
+
+class ViewStore:
+    """What one robot has told of its path, in the epoch that it spoke of last."""
+
+    def __init__(self) -> None:
+        self.epoch: Epoch | None = None
+        self.bytes = 0
+        self._telling = ''
+        self._clear()
+
+    def _clear(self) -> None:
+        self._waiting: dict[int, ViewFact] = {}
+        self._chain: list[ViewFact] = []
+        self._clouds: list[Cloud] = []
+        self._loops: dict[bytes, Constraint] = {}
+        self._scans: dict[bytes, MapScan] = {}
+        self._views: ViewSet | None = None
+        self.bytes = 0
+
+    def take(self, data: bytes) -> None:
+        """Add a batch; ValueError, once its good facts are in, where one of them is unusable."""
+        epoch, telling, facts = decode_batch(data)
+        if (epoch, telling) != (self.epoch, self._telling):
+            self._clear()
+            self.epoch, self._telling = epoch, telling
+        wrong = ''
+        for kind, fact in facts:
+            try:
+                self._add(kind, fact)
+            except ValueError as error:
+                wrong = str(error)
+        self._views = None
+        if wrong:
+            raise ValueError(wrong)
+
+    def _add(self, kind: int, fact: bytes) -> None:
+        """Add a fact that is new."""
+        if fact in self._loops or fact in self._scans:
+            return
+        if self.bytes + len(fact) > MOST_BYTES:
+            raise ValueError(f'the views of one robot are over {MOST_BYTES} bytes')
+        if kind == VIEW:
+            view = decode_view(fact)
+            if view.number < len(self._chain) or view.number in self._waiting:
+                return
+            self._waiting[view.number] = view
+        elif kind == LOOP:
+            self._loops[fact] = decode_constraint(fact)
+        elif kind == SCAN:
+            self._scans[fact] = decode_scan(fact)
+        else:
+            raise ValueError(f'a fact of the unknown kind {kind}')
+        self.bytes += len(fact)
+        while len(self._chain) in self._waiting:
+            view = self._waiting.pop(len(self._chain))
+            self._clouds.append(decode_beams(view.beams))
+            self._chain.append(replace(view, beams=b''))
+
+    def views(self) -> ViewSet:
+        """Return the views of the path as far as they are one path; always the same if so."""
+        if self._views is None:
+            n = len(self._chain)
+            self._views = ViewSet(
+                np.array([view.stamp for view in self._chain]),
+                np.array([view.pose for view in self._chain]).reshape(-1, 3),
+                list(self._clouds), [view.step for view in self._chain if view.step],
+                [c for fact, c in sorted(self._loops.items()) if max(c.first, c.second) < n],
+                [scan for fact, scan in sorted(self._scans.items()) if scan.view < n])
+        return self._views

@@ -1,0 +1,130 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A live team bends its maps alike on every robot, whatever happens to the messages."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from somfusion_ros.fusion.alignment import Alignment
+from somfusion_ros.geometry import Pose
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.bond_codec import decode_bonds
+from somfusion_ros.team.elastic_session import ElasticSession
+from somfusion_ros.team.view_facts import Facts, tell
+from somfusion_ros.team.view_set import ViewSet
+from somfusion_ros.team.view_store import encode_batch, ViewStore
+from test_elastic import bent_team
+
+EPOCHS = {'robot1': Epoch('a1', 0), 'robot2': Epoch('b2', 0)}
+OPEN = 0.6     # probability of a verdict that the views turn
+
+
+def batches(views: ViewSet, epoch: Epoch, size: int = 20, telling: str = 't1') -> list[bytes]:
+    """Tell of a path in batches, as a slam_node does."""
+    whole = tell(views.stamps.tolist(), views.poses, views.clouds, views.steps)
+    return [encode_batch(epoch, telling, Facts(whole.views[k:k + size]))
+            for k in range(0, len(whole.views), size)]
+
+
+def clock() -> Callable[[], float]:
+    """Make a clock that goes on by a minute whenever it is read."""
+    now = iter(range(0, 10 ** 9, 60))
+    return lambda: float(next(now))
+
+
+def team() -> tuple[ElasticSession, ElasticSession, dict[str, Pose]]:
+    """Two robots that have heard each other's views, and where the verdicts have the maps."""
+    views, _, world = bent_team()
+    robots = ElasticSession('robot1', clock()), ElasticSession('robot2', clock())
+    for session in robots:
+        for name, epoch in EPOCHS.items():
+            for batch in batches(views[name], epoch):
+                session.take_views(name, batch)
+    return *robots, world
+
+
+def verdict(world: dict[str, Pose]) -> Alignment:
+    """Return what the grids said: rather yes, but not enough."""
+    return Alignment(accepted=False, probability=OPEN, reason='refused: walls agree 60 %',
+                     T_target_source=world['robot2'])
+
+
+def test_views_turn_a_verdict_and_both_robots_bend_alike() -> None:
+    one, two, world = team()
+    judged = one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    assert judged.accepted
+    assert 'views confirm' in judged.reason
+    assert two.weigh('robot1', verdict(world), EPOCHS, 0.8).accepted
+    assert decode_bonds(two.own_bonds(), 'robot2') == []      # the first name tells the bond
+    two.take_bonds('robot1', one.own_bonds())
+    for session in (one, two):
+        session.update(world, EPOCHS, 'robot1')
+        assert session.solved == ['robot1', 'robot2']
+    first, second = one.draw(), two.draw()
+    assert np.array_equal(first.grid.evidence, second.grid.evidence)
+    assert first.grid.T_frame_grid == second.grid.T_frame_grid
+    assert one.places(None) == two.places(None)
+    assert one.draw() is first      # nothing is drawn twice
+
+
+def test_a_robot_is_where_its_last_view_is() -> None:
+    one, _, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    one.update(world, EPOCHS, 'robot1')
+    bent = one.places(None)
+    step = bent['robot2'].x - world['robot2'].x, bent['robot2'].y - world['robot2'].y
+    assert np.hypot(*step) > 0.1
+    moved = bent_team()[0]['robot1'].poses + (0.5, 0.0, 0.0)     # the own map moved meanwhile
+    there = one.places(moved)
+    assert there['robot1'].x - bent['robot1'].x == pytest.approx(-0.5, abs=0.05)
+    assert there['robot2'] == bent['robot2']
+
+
+def test_doubled_and_disordered_batches_change_nothing() -> None:
+    views, _, _ = bent_team()
+    told = batches(views['robot1'], EPOCHS['robot1'])
+    straight, mixed = ViewStore(), ViewStore()
+    for batch in told:
+        straight.take(batch)
+    for batch in [*reversed(told), *told[:3]]:
+        mixed.take(batch)
+    assert straight.bytes == mixed.bytes
+    assert np.array_equal(straight.views().poses, mixed.views().poses)
+    assert mixed.views() is mixed.views()
+
+
+def test_what_was_said_of_a_map_lapses_with_it() -> None:
+    one, _, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    one.update(world, EPOCHS, 'robot1')
+    assert one.solved
+    one.update(world, {**EPOCHS, 'robot2': Epoch('b2', 1)}, 'robot1')
+    assert one.solved == []
+    assert one.draw() is None
+    assert one.places(None) == {}
+
+
+def test_a_restarted_robot_tells_all_anew() -> None:
+    views, _, _ = bent_team()
+    store = ViewStore()
+    for batch in batches(views['robot1'], EPOCHS['robot1']):
+        store.take(batch)
+    store.take(batches(views['robot2'], EPOCHS['robot1'], telling='t2')[0])
+    assert len(store.views()) == 20
+    assert store.views().poses == pytest.approx(views['robot2'].poses[:20], abs=1e-6)
+
+
+def test_bonds_of_others_and_garbage_are_refused() -> None:
+    one, two, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    told = one.own_bonds()
+    with pytest.raises(ValueError, match='not its own'):
+        two.take_bonds('robot3', told)
+    for data in (b'', told[:30], told[:-1], told + b'x', b'\xff' * 100, b'\x02\x00\x00\x00{}'):
+        with pytest.raises(ValueError):
+            two.take_bonds('robot1', data)
+    for data in (b'', b'\x01', b'\x01\x04\x02a1.0t1\x01\xff\xff', b'\xff' * 50):
+        with pytest.raises(ValueError):
+            two.take_views('robot1', data)
+    assert two.bytes_of('robot1') > 10_000      # what came before is still there
