@@ -100,18 +100,12 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     all_stamps, poses = dense(*slam.driven(), session.pairing.odometry)
     return RobotRun(log, grid, np.asarray(all_stamps), np.asarray(poses),
                     np.asarray(view_stamps), np.asarray(views),
-                    Held.of(checkpoint.trail), _facts(checkpoint),
+                    Held.of(checkpoint.trail), tell(checkpoint),
                     {**faults.counts, **slam.counters, **log.counters},
                     faults.notes(len(milliseconds)), np.asarray(milliseconds),
                     log.duration, seconds, history,
                     checkpoint if beginning and len(views) else None,
                     slam.found[0] if slam.found else None)
-
-
-def _facts(checkpoint: Checkpoint) -> Facts:
-    """Tell of a robot's views and constraints as it would tell its peers."""
-    c = checkpoint
-    return tell(c.stamps.tolist(), c.poses, c.clouds, c.constraints, c.scans)
 
 
 def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, told, Told
 from somfusion_ros.team.bonding import bond_of, rival_of
 from somfusion_ros.team.elastic import join
 from somfusion_ros.team.joint import InterMatch
-from somfusion_ros.team.joint_map import JointMap
+from somfusion_ros.team.joint_map import draw_joint
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import ViewStore
@@ -53,7 +53,6 @@ class ElasticSession:
         self._stores: dict[str, ViewStore] = {}
         self._own: dict[str, ToldBond] = {}
         self._heard: dict[str, list[ToldBond]] = {}
-        self._drawing = JointMap(TUNING.resolution)
         self._poses: dict[str, Array] = {}
         self._solved_for: Any = None
         self._drawn: Any = None
@@ -172,7 +171,7 @@ class ElasticSession:
         if not self._poses:
             return None
         if self._drawn is not self._solved_for:
-            grid = self._drawing.render(self._solved_views, self._poses)
+            grid = draw_joint(self._solved_views, self._poses, TUNING.resolution)
             driven = np.concatenate([poses[:, :2] for poses in self._poses.values()])
             self._drawn, self._map = self._solved_for, SharedMap(grid, driven)
         return self._map

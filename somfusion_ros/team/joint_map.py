@@ -35,54 +35,40 @@ class Held:
         return cls(trail[first, 0], views[first])
 
 
-class JointMap:
-    """Draws views; only new ones while old ones stand still, all anew once they moved."""
-
-    def __init__(self, resolution: float) -> None:
-        self._mapper = Mapper(resolution)
-
-    def render(self, robots: Mapping[str, ViewSet], poses: Mapping[str, Array],
-               only: Collection[str] | None = None) -> Grid:
-        """
-        Draw the views of all robots, or of some, at their poses (n, 3) by robot.
-
-        A robot's views beyond its poses are not drawn.
-        """
-        names = sorted(robots.keys() & poses.keys() if only is None else only)
-        drawn = [_placed(robots[name], poses[name]) for name in names]
-        order = sorted((stamp, rank, k) for rank, (stamps, _, _) in enumerate(drawn)
-                       for k, stamp in enumerate(stamps))
-        scans = [MapScan(index, np.zeros(3), drawn[rank][2][k])
-                 for index, (_, rank, k) in enumerate(order)]
-        return self._mapper.render(
-            scans, np.array([drawn[rank][1][k] for _, rank, k in order]).reshape(-1, 3))
-
-
-def _placed(views: ViewSet, poses: Array) -> tuple[list[float], list[Array], list[Outline]]:
-    """Stamps of views and of scans between them, their poses (3,) in the world, what they saw."""
-    stamps, placed = views.stamps[:len(poses)].tolist(), list(poses)
-    seen = [cloud.outline for cloud in views.clouds[:len(poses)]]
-    for scan in views.between:
-        if scan.view + 1 < len(poses) and views.steps[scan.view].first == scan.view:
-            hung, step = scan.T_view_base, views.steps[scan.view].z
-            near = compose(poses[scan.view], hung)
-            far = compose(poses[scan.view + 1], between(step, hung))
-            share = min(1.0, float(np.abs(hung).sum() / max(np.abs(step).sum(), 1e-6)))
-            placed.append(compose(near, share * between(near, far)))
-            stamps.append(views.stamps[scan.view] + share * (
-                views.stamps[scan.view + 1] - views.stamps[scan.view]))
-            seen.append(scan.outline)
-        elif scan.view < len(poses):
-            placed.append(compose(poses[scan.view], scan.T_view_base))
-            stamps.append(views.stamps[scan.view])
-            seen.append(scan.outline)
-    return stamps, placed, seen
-
-
 def draw_joint(robots: Mapping[str, ViewSet], poses: Mapping[str, Array], resolution: float,
                only: Collection[str] | None = None) -> Grid:
-    """Draw the views of all robots, or of some, once."""
-    return JointMap(resolution).render(robots, poses, only)
+    """
+    Draw the views of all robots, or of some, at their poses (n, 3) by robot.
+
+    A robot's views beyond its poses are not drawn. All is drawn anew, so that the map depends on
+    nothing but what is drawn: 0.3 ms a scan.
+    """
+    names = sorted(robots.keys() & poses.keys() if only is None else only)
+    drawn = [scan for name in names for scan in _placed(robots[name], poses[name])]
+    drawn.sort(key=lambda scan: scan[0])
+    scans = [MapScan(k, np.zeros(3), outline) for k, (_, _, outline) in enumerate(drawn)]
+    return Mapper(resolution).render(scans, np.array([pose for _, pose, _ in drawn]
+                                                     ).reshape(-1, 3))
+
+
+def _placed(views: ViewSet, poses: Array) -> list[tuple[float, Array, Outline]]:
+    """Stamps of views and of scans between them, their poses (3,) in the world, what they saw."""
+    n = len(poses)
+    placed = [(float(stamp), pose, cloud.outline)
+              for stamp, pose, cloud in zip(views.stamps[:n], poses, views.clouds[:n])]
+    for scan in views.between:
+        if scan.view >= n:
+            continue
+        pose, hung = compose(poses[scan.view], scan.T_view_base), scan.T_view_base
+        after = scan.view + 1
+        if (after < n and views.steps[scan.view].first == scan.view
+                and scan.stamp <= views.stamps[after]):
+            step = views.steps[scan.view].z
+            share = min(1.0, float(np.abs(hung).sum() / max(np.abs(step).sum(), 1e-6)))
+            far = compose(poses[after], between(step, hung))
+            pose = compose(pose, share * between(pose, far))
+        placed.append((scan.stamp, pose, scan.outline))
+    return placed
 
 
 def along(stamps: Array, path: Array, held: Held, own: Array, poses: Array) -> Array:

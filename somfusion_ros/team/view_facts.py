@@ -9,18 +9,18 @@ views, which are only drawn: a map of views alone knows a sixth to a third less.
 also the robot itself, uses what the bytes say: the same facts then give the same map everywhere.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 import struct
+from weakref import WeakSet
 
 import numpy as np
 from somfusion_ros.geometry import Array, wrap
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.map_scans import MapScan
-from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.team.beam_code import decode_beams, encode_beams
-from somfusion_ros.team.view_set import ViewSet
+from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class FactLimits:
 TUNING = FactLimits()
 MAX_VIEWS = 100_000                  # of one robot in one epoch
 VIEW = struct.Struct('<Id3f')        # number, stamp, pose T_map_view
-SCAN = struct.Struct('<I3f')         # view, T_view_base
+SCAN = struct.Struct('<Id3f')        # view, stamp, T_view_base
 CONSTRAINT = struct.Struct('<II9f')  # views, z, upper triangle of R
 UPPER = np.triu_indices(3)
 
@@ -117,19 +117,20 @@ def decode_constraint(data: bytes) -> Constraint:
     return Constraint(first, second, np.array([z[0], z[1], wrap(z[2])]), believed(upper))
 
 
-def encode_scan(scan: MapScan) -> bytes:
-    """Pack a scan that hangs on a view."""
-    return SCAN.pack(scan.view, *scan.T_view_base) + encode_beams(scan.outline)
+def encode_scan(scan: DrawnScan) -> bytes:
+    """Pack a scan that is only drawn."""
+    return SCAN.pack(scan.view, scan.stamp, *scan.T_view_base) + encode_beams(scan.outline)
 
 
-def decode_scan(data: bytes) -> MapScan:
-    """Unpack a scan that hangs on a view; ValueError where it is damaged or absurd."""
+def decode_scan(data: bytes) -> DrawnScan:
+    """Unpack a scan that is only drawn; ValueError where it is damaged or absurd."""
     if len(data) < SCAN.size:
         raise ValueError('a scan is cut short')
-    view, *pose = SCAN.unpack_from(data)
-    if view >= MAX_VIEWS or not (np.isfinite(pose).all() and np.abs(pose).max() < TUNING.nearest):
+    view, stamp, *pose = SCAN.unpack_from(data)
+    if view >= MAX_VIEWS or not (np.isfinite([stamp, *pose]).all()
+                                 and np.abs(pose).max() < TUNING.nearest):
         raise ValueError('a scan hangs on nothing')
-    return MapScan(view, np.array(pose), decode_beams(data[SCAN.size:]).outline)
+    return DrawnScan(stamp, view, np.array(pose), decode_beams(data[SCAN.size:]).outline)
 
 
 def believed(upper: Array) -> Array:
@@ -153,50 +154,51 @@ class Teller:
     """Tells of a robot's path what it has not told yet."""
 
     def __init__(self) -> None:
-        self._views = self._constraints = self._scans = self._steps = 0
-        self._at: tuple[int, Array] = -1, np.zeros(3)
+        self._views = self._constraints = self._steps = self._rows = 0
+        self._told: WeakSet[Outline] = WeakSet()
+        self._last: tuple[int, Array] = -1, np.zeros(3)
 
-    def more(self, stamps: Sequence[float], poses: Array, clouds: Sequence[Cloud],
-             constraints: Sequence[Constraint], scans: Sequence[MapScan] = ()) -> Facts:
-        """
-        Return the facts that are new: views, and those constraints that lead to no new view.
-
-        Parameters
-        ----------
-        stamps, poses, clouds : of n views: [s], (n, 3) T_map_view, and what they saw
-        constraints : between these views, in the order in which they were found
-        scans : kept for the robot's own map, in order; of those between views some are told
-        """
+    def more(self, path: Checkpoint) -> Facts:
+        """Return the facts of a path that are new."""
         steps, loops = {}, []
-        for constraint in constraints[self._constraints:]:
+        for constraint in path.constraints[self._constraints:]:
             if constraint.second == self._steps + 1:     # the first that leads to a view
                 self._steps += 1
                 steps[constraint.second] = constraint
             else:
                 loops.append(encode_constraint(constraint))
-        views = [ViewFact(k, stamps[k], poses[k], encode_beams(clouds[k].outline),
-                          steps.get(k)).encode() for k in range(self._views, len(clouds))]
-        between = [encode_scan(scan) for scan in scans[self._scans:]
-                   if self._is_told(scan, clouds)]
-        self._views, self._constraints = len(clouds), len(constraints)
-        self._scans = len(scans)
+        views = []
+        for k in range(self._views, len(path.clouds)):
+            outline = path.clouds[k].outline
+            self._told.add(outline)
+            views.append(ViewFact(k, float(path.stamps[k]), path.poses[k], encode_beams(outline),
+                                  steps.get(k)).encode())
+        between = [encode_scan(scan) for scan in self._fresh(path)]
+        self._views, self._constraints = len(path.clouds), len(path.constraints)
         return Facts(tuple(views), tuple(loops), tuple(between))
 
-    def _is_told(self, scan: MapScan, clouds: Sequence[Cloud]) -> bool:
-        """Return whether a scan lies between views, far enough from the one told before."""
-        view, last = self._at
-        last = last if view == scan.view else np.zeros(3)
-        x, y, theta = scan.T_view_base - last
-        told = bool(max(np.hypot(x, y), abs(wrap(theta))) >= TUNING.spacing
-                    and scan.cloud is not clouds[scan.view])
-        self._at = scan.view, scan.T_view_base if told else last
-        return told
+    def _fresh(self, path: Checkpoint) -> list[DrawnScan]:
+        """Choose scans that are new, spaced from one another and from the view they hang on."""
+        rows = path.trail[min(self._rows, len(path.trail)):]
+        stamps = {(int(row[1]), *row[2:]): float(row[0]) for row in rows}
+        self._rows = len(path.trail)
+        chosen = []
+        for scan in path.scans:
+            if scan.outline in self._told:
+                continue
+            self._told.add(scan.outline)
+            view, last = self._last
+            x, y, theta = scan.T_view_base - (last if view == scan.view else np.zeros(3))
+            stamp = stamps.get((scan.view, *scan.T_view_base))
+            if stamp is not None and max(np.hypot(x, y), abs(wrap(theta))) >= TUNING.spacing:
+                self._last = scan.view, scan.T_view_base
+                chosen.append(DrawnScan(stamp, scan.view, scan.T_view_base, scan.outline))
+        return chosen
 
 
-def tell(stamps: Sequence[float], poses: Array, clouds: Sequence[Cloud],
-         constraints: Sequence[Constraint], scans: Sequence[MapScan] = ()) -> Facts:
-    """Tell of a robot's path all at once, see `Teller.more`."""
-    return Teller().more(stamps, poses, clouds, constraints, scans)
+def tell(path: Checkpoint) -> Facts:
+    """Tell of a robot's path all at once."""
+    return Teller().more(path)
 
 
 def heard(told: Facts) -> ViewSet:

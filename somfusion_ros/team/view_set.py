@@ -9,9 +9,19 @@ from functools import cached_property
 import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.loops import centre
-from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnScan:
+    """A scan that is only drawn: its stamp [s], view, T_view_base (3,), and what it saw."""
+
+    stamp: float
+    view: int
+    T_view_base: Array
+    outline: Outline
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +39,7 @@ class ViewSet:
     clouds: Sequence[Cloud]
     steps: Sequence[Constraint]
     loops: Sequence[Constraint] = ()
-    between: Sequence[MapScan] = ()
+    between: Sequence[DrawnScan] = ()
 
     def __len__(self) -> int:
         return len(self.poses)

@@ -14,12 +14,11 @@ import struct
 import numpy as np
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.slam.mapping import MapScan
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.beam_code import decode_beams
 from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decode_view, Facts,
                                            ViewFact)
-from somfusion_ros.team.view_set import ViewSet
+from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 VERSION = 1
 VIEW, LOOP, SCAN = 1, 2, 3
@@ -78,7 +77,7 @@ class ViewStore:
         self._chain: list[ViewFact] = []
         self._clouds: list[Cloud] = []
         self._loops: dict[bytes, Constraint] = {}
-        self._scans: dict[bytes, MapScan] = {}
+        self._scans: dict[bytes, DrawnScan] = {}
         self._views: ViewSet | None = None
         self.bytes = 0
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fakes with known truth, made in one place: rooms, maps of them, trajectories, scans."""
 
+from collections.abc import Sequence
 import importlib
 import os
 from pathlib import Path
@@ -13,7 +14,12 @@ from somfusion_ros.geometry import apply, Array, between, compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.ros.apps.processes import node_environment
-from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.map_scans import MapScan
+from somfusion_ros.slam.scan import Cloud, Scan
+from somfusion_ros.slam.tracking import Tracker
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get('SOMFUSION_DATA', ROOT.parent / 'shared')) / 'data'
@@ -200,3 +206,12 @@ def write_fake_bag(folder: Path, walls: Array | None = None, waypoints: Array | 
                 bag.scan(fake_scan(walls, pose, start + stamp, noise=noise, rng=rng,
                                    T_base_laser=mount))
     return poses
+
+
+def checkpoint(stamps: Array, poses: Array, clouds: Sequence[Cloud],
+               constraints: Sequence[Constraint], scans: Sequence[MapScan] = (),
+               trail: Sequence[Sequence[float]] = ()) -> Checkpoint:
+    """Checkpoint of a path (n, 3) as far as others are told of it."""
+    return Checkpoint(np.asarray(poses), np.asarray(stamps, dtype=float), clouds, constraints,
+                      scans, np.array(trail, dtype=float).reshape(-1, 5), (), 0,
+                      Tracker(SlamConfig()).state())

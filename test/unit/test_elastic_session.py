@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 
+from helpers import checkpoint
 import numpy as np
 import pytest
 from somfusion_ros.fusion.alignment import Alignment
@@ -22,7 +23,7 @@ OPEN = 0.6     # probability of a verdict that the views turn
 
 def batches(views: ViewSet, epoch: Epoch, size: int = 20, telling: str = 't1') -> list[bytes]:
     """Tell of a path in batches, as a slam_node does."""
-    whole = tell(views.stamps.tolist(), views.poses, views.clouds, views.steps)
+    whole = tell(checkpoint(views.stamps, views.poses, views.clouds, views.steps))
     return [encode_batch(epoch, telling, Facts(whole.views[k:k + size]))
             for k in range(0, len(whole.views), size)]
 

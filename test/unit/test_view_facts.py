@@ -4,17 +4,19 @@
 
 from dataclasses import replace
 
-from helpers import fake_room, fake_scan
+from helpers import checkpoint, fake_room, fake_scan
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud, cloud
 from somfusion_ros.team.beam_code import decode_beams, encode_beams, MAX_BEAMS
 from somfusion_ros.team.view_facts import (decode_constraint, decode_view, encode_constraint,
-                                           Facts, heard, tell, TUNING, ViewFact)
+                                           Facts, heard, tell, Teller, TUNING, ViewFact)
 
 STEP = 0.01      # [m] of a range that is told
 
@@ -108,26 +110,44 @@ def test_an_absurd_covariance_is_refused(R: Array) -> None:
         decode_constraint(encode_constraint(Constraint(0, 1, np.zeros(3), R)))
 
 
-def path(count: int = 6) -> tuple[list[float], Array, list[Cloud], list[Constraint]]:
+def path(count: int = 6) -> Checkpoint:
     """Drive shortly through the fake room, with one loop."""
     poses = np.column_stack([np.linspace(1.0, 6.0, count), np.full(count, 1.5), np.zeros(count)])
     R = np.diag([0.01, 0.01, 0.005]) ** 2
     steps = [Constraint(k, k + 1, poses[k + 1] - poses[k], R) for k in range(count - 1)]
-    return ([float(k) for k in range(count)], poses, [seen_from(p) for p in poses],
-            [*steps, Constraint(0, count - 1, poses[-1] - poses[0], R)])
+    scans = [MapScan(k, np.array([x, 0.0, 0.0]), seen_from(poses[k] + (x, 0.0, 0.0)).outline)
+             for k in range(count) for x in (0.1, 0.25, 0.3, 0.5)]
+    trail = [(k + x, k, x, 0.0, 0.0) for k in range(count) for x in (0.0, 0.1, 0.25, 0.3, 0.5)]
+    return checkpoint(np.arange(count), poses, [seen_from(p) for p in poses],
+                      [*steps, Constraint(0, count - 1, poses[-1] - poses[0], R)], scans, trail)
 
 
 def test_a_path_comes_through_whole() -> None:
-    stamps, poses, clouds, constraints = path()
-    views = heard(tell(stamps, poses, clouds, constraints))
-    assert views.stamps.tolist() == stamps
-    assert views.poses == pytest.approx(poses, abs=1e-6)
+    whole = path()
+    views = heard(tell(whole))
+    assert views.stamps.tolist() == whole.stamps.tolist()
+    assert views.poses == pytest.approx(whole.poses, abs=1e-6)
     assert [(r.first, r.second) for r in [*views.steps, *views.loops]] == [
-        (r.first, r.second) for r in constraints]
+        (r.first, r.second) for r in whole.constraints]
+    assert [(scan.view, scan.stamp) for scan in views.between] == [
+        (k, k + x) for k in range(6) for x in (0.25, 0.5)]        # spaced by 0.2 m
+
+
+def test_nothing_is_told_twice_and_nothing_left_out() -> None:
+    whole, teller = path(), Teller()
+    part = replace(whole, poses=whole.poses[:3], stamps=whole.stamps[:3], clouds=whole.clouds[:3],
+                   constraints=whole.constraints[:2], scans=whole.scans[:12],
+                   trail=whole.trail[:15])
+    first, second, third = teller.more(part), teller.more(whole), teller.more(whole)
+    at_once = tell(whole)
+    assert third.size == 0
+    assert first.views + second.views == at_once.views
+    assert first.loops + second.loops == at_once.loops
+    assert first.between + second.between == at_once.between
 
 
 def test_order_and_doubling_do_not_matter_and_what_follows_a_gap_waits() -> None:
-    told = tell(*path())
+    told = tell(path())
     mixed = heard(Facts(told.views[::-1] + told.views[2:4], told.loops))
     assert len(mixed) == 6
     with_gap = heard(Facts(told.views[:2] + told.views[3:], told.loops))

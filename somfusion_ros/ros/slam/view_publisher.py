@@ -24,14 +24,12 @@ class ViewPublisher:
 
     def publish(self, slam: Slam) -> None:
         """Tell what is new."""
-        state = slam.checkpoint()
-        graph = state.graph
-        if graph.epoch != self._epoch:
-            self._epoch, self._told = graph.epoch, (Teller(), uuid4().hex[:12])
+        path = slam.checkpoint()
+        if path.epoch != self._epoch:
+            self._epoch, self._told = path.epoch, (Teller(), uuid4().hex[:12])
         teller, telling = self._told
-        facts = teller.more(graph.stamps, state.poses, graph.clouds, graph.constraints,
-                            graph.scans)
+        facts = teller.more(path)
         if facts.size:
             block = array('B')
-            block.frombytes(encode_batch(graph.epoch, telling, facts))
+            block.frombytes(encode_batch(path.epoch, telling, facts))
             self._topic.publish(UInt8MultiArray(data=block))
