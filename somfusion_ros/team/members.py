@@ -15,20 +15,19 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 from somfusion_ros.fusion.alignment import Alignment
-from somfusion_ros.geometry import between, inverse, Pose
+from somfusion_ros.geometry import inverse, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.graph import Solution, solve
+from somfusion_ros.team.known_poses import KnownPoses
 from somfusion_ros.team.map_change import missing_walls
 from somfusion_ros.team.pair_history import PairHistory
 from somfusion_ros.team.shared_map import SharedMap
 
 SIGHTINGS = 5          # newest sightings of a peer that are kept
-KNOWN_COVARIANCE = np.zeros((3, 3))   # of poses that the user gave; the drift of maps remains
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,7 @@ class Team:
         self.maps: dict[str, SharedMap] = {}
         self.shown: dict[str, SharedMap] = {}
         self.pairs: dict[str, PairHistory] = {}
-        self._known = dict(known_poses or {})
-        self._known_of: dict[str, Epoch] = {}
+        self._known = KnownPoses(known_poses or {})
         self._heard: dict[str, tuple[MapConstraint, ...]] = {}
         self._sighted: dict[str, deque[MapConstraint]] = {}
         self._solved = Solution((), {})
@@ -78,8 +76,7 @@ class Team:
         """
         old = self.epochs.get(robot)
         self.epochs[robot] = epoch
-        if robot in self._known:
-            self._known_of.setdefault(robot, epoch)
+        self._known.bind(robot, epoch)
         if old is None or old == epoch:
             return False
         self.begun[robot] += 1
@@ -131,8 +128,8 @@ class Team:
         """Return robots whose map can be matched with the robot's own, the least tried first."""
         if self.name not in self.maps:
             return []
-        known = set(self._known_now()) if self.name in self._known_now() else set()
-        return sorted(self.maps.keys() - known - {self.name},
+        known = self._known.holding(self.epochs)
+        return sorted(self.maps.keys() - {self.name, *(known if self.name in known else ())},
                       key=lambda peer: (self._pair(peer).attempts, peer))
 
     def is_due(self, peer: str, now: float) -> bool:
@@ -200,8 +197,8 @@ class Team:
 
     def solution(self) -> Solution:
         """Place every robot's map by all that counts now."""
-        known = self._known_now()
-        constraints = self._known_constraints() + [
+        known = self._known.holding(self.epochs)
+        constraints = self._known.constraints(self.epochs) + [
             c for c in (*self.own_constraints(), *(c for said in self._heard.values()
                                                    for c in said))
             if self.counts(c) and not {*c.robots} <= known.keys()]
@@ -215,16 +212,14 @@ class Team:
 
     def lapsed(self) -> list[str]:
         """Return the robots whose known pose was given for a map that they no longer have."""
-        return [robot for robot, epoch in self._known_of.items()
-                if self.epochs.get(robot, epoch) != epoch]
+        return self._known.lapsed(self.epochs)
 
     def reset(self) -> None:
         """Forget all verdicts; maps stay, and known poses are those of the maps of now."""
         self.pairs.clear()
         self._heard.clear()
         self._sighted.clear()
-        self._known_of = {robot: self.epochs[robot] for robot in self._known
-                          if robot in self.epochs}
+        self._known.rebind(self.epochs)
 
     def _forget_constraints(self, robot: str) -> None:
         """Forget what the robot itself found about a robot's map; what others say names epochs."""
@@ -238,19 +233,6 @@ class Team:
         """Sign a constraint, for the maps that both robots have now."""
         first, second = (self.epochs[robot] for robot in constraint.robots)
         return replace(constraint, author=self.name, epochs=(first, second))
-
-    def _known_now(self) -> dict[str, Pose]:
-        """Return the poses that the user gave for the maps that the robots have now."""
-        return {robot: pose for robot, pose in self._known.items()
-                if robot in self.epochs and self._known_of.get(robot) == self.epochs[robot]}
-
-    def _known_constraints(self) -> list[MapConstraint]:
-        """Tie the maps together whose poses the user gave."""
-        known = self._known_now()
-        anchor = min(known, default='')
-        return [MapConstraint(anchor, robot, Pose.from_array(between(known[anchor], pose)),
-                              KNOWN_COVARIANCE, kind='known')
-                for robot, pose in known.items() if robot != anchor]
 
     def _pair(self, peer: str) -> PairHistory:
         """Return the history of the pair with a peer."""
