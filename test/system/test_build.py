@@ -76,7 +76,7 @@ def test_colcon_builds_and_tests_the_package(source: Path) -> None:
             p.name for p in (ROOT / folder).glob('*.*')}
     said = do(workspace, str(prefix / 'lib' / 'somfusion_ros' / 'somfusion'), '--version')
     assert said.startswith('somfusion ')
-    do(workspace, *colcon, 'test', '--pytest-args', 'test/test_geometry.py')
+    do(workspace, *colcon, 'test', '--pytest-args', 'test/unit/test_geometry.py')
     result = do(workspace, *colcon, 'test-result', '--verbose')
     assert ' 0 errors, 0 failures' in result
 
