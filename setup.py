@@ -18,7 +18,7 @@ setup(
     license='Apache-2.0',
     keywords=['ROS', 'SLAM', 'multi-robot', 'map merging'],
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed']},
+    package_data={'': ['py.typed', '*.json']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

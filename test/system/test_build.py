@@ -43,8 +43,9 @@ def do(folder: Path, *command: str) -> str:
 
 
 def modules() -> set[str]:
-    """Return the path of every module of the package."""
-    return {str(path.relative_to(ROOT)) for path in (ROOT / 'somfusion_ros').rglob('*.py')}
+    """Return the path of every file of the package: modules, and what they read."""
+    return {str(path.relative_to(ROOT)) for path in (ROOT / 'somfusion_ros').rglob('*')
+            if path.is_file() and '__pycache__' not in path.parts}
 
 
 def test_wheel_and_source_archive_hold_the_package(source: Path) -> None:
