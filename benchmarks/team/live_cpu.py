@@ -21,12 +21,13 @@ from benchmarks.tables import Table
 import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.io.bags.reader import BagReader
+from somfusion_ros.ros.apps.demo_team import read_status
 from somfusion_ros.ros.apps.processes import node_environment, Processes
 from somfusion_ros.simulation.simulate import simulate, SimulationOptions
 
 NODES = ('slam_node', 'fusion_node')
-COLUMNS = ('robots', 'scans/s', 'odometry/s', 'slam_node [cores]', 'fusion_node [cores]',
-           'slam_node [MB]', 'fusion_node [MB]')
+COLUMNS = ('robots', 'scans/s', 'odometry/s', 'scans followed/s', 'slam_node [cores]',
+           'fusion_node [cores]', 'slam_node [MB]', 'fusion_node [MB]')
 SETTLED = 15.0   # [s] of start-up and discovery that are not counted
 TICKS = os.sysconf('SC_CLK_TCK')
 
@@ -51,6 +52,13 @@ def rates(bag: Path) -> tuple[float, float]:
         return counts[0] / reader.duration, counts[1] / reader.duration
 
 
+def followed(folder: Path, robots: list[str]) -> float:
+    """Return how many scans the robots have followed so far, as their diagnostics say; mean."""
+    said = read_status(folder)['diagnostics']
+    return float(np.mean([float(said.get(f'{robot}/slam_node', {}).get('values', {}).get(
+        'scans', 0)) for robot in robots]))
+
+
 def start(processes: Processes, folder: Path, robots: list[str]) -> dict[str, list[int]]:
     """Start the nodes of all robots and one player; return process ids by node."""
     pids: dict[str, list[int]] = {node: [] for node in NODES}
@@ -59,20 +67,28 @@ def start(processes: Processes, folder: Path, robots: list[str]) -> dict[str, li
             pids[node].append(processes.start(f'{node} {robot}', f'somfusion_ros.ros.{node}', [
                 '--ros-args', '-r', f'__ns:=/{robot}', '-r', '/tf:=tf', '-r',
                 '/tf_static:=tf_static']))
+    processes.start('recorder', 'somfusion_ros.ros.apps.recorder', [str(folder / 'live'), *robots])
     processes.start('player', 'somfusion_ros.ros.apps.player', [
         *(str(folder / robot / 'bag') for robot in robots), '--wait', '60', '--robots', *robots])
     return pids
 
 
 def measure(folder: Path, robots: list[str], seconds: float) -> Iterator[Array]:
-    """Yield CPU [cores], then memory [MB], of slam_node and fusion_node, mean over the robots."""
+    """
+    Yield what was measured, mean over the robots.
+
+    Scans followed per second, which are those played where the machine keeps up; CPU [cores] of
+    slam_node and of fusion_node; memory [MB] of both.
+    """
     with Processes(folder / 'logs', node_environment()) as processes:
         pids = start(processes, folder, robots)
         time.sleep(SETTLED)
         before, began = {pid: cpu(pid) for node in NODES for pid in pids[node]}, time.monotonic()
+        scans = followed(folder / 'live', robots)
         while time.monotonic() - began < seconds and 'player' not in processes.ended():
             time.sleep(0.5)
         took = time.monotonic() - began
+        yield np.array([(followed(folder / 'live', robots) - scans) / took])
         yield np.array([np.mean([cpu(pid) - before[pid] for pid in pids[node]]) / took
                         for node in NODES])
         yield np.array([np.mean([memory(pid) for pid in pids[node]]) for node in NODES])
@@ -80,14 +96,13 @@ def measure(folder: Path, robots: list[str], seconds: float) -> Iterator[Array]:
 
 def live_cpu_table(count: int = 4, seconds: float = 60.0) -> Table:
     """Measure a team of simulated robots."""
-    table = Table('live-cpu', COLUMNS, (None, 0, 0, 2, 2, 0, 0))
+    table = Table('live-cpu', COLUMNS, (None, 0, 0, 1, 2, 2, 0, 0))
     with TemporaryDirectory() as name:
         folder = Path(name)
         simulate(folder, SimulationOptions(robots=count, seed=1, duration=seconds + 30.0))
         robots = [f'robot{number}' for number in range(1, count + 1)]
-        cores, megabytes = measure(folder, robots, seconds)
-        table.add(count, *rates(folder / 'robot1' / 'bag'), *map(float, cores),
-                  *map(float, megabytes))
+        figures = np.concatenate(list(measure(folder, robots, seconds)))
+        table.add(count, *rates(folder / 'robot1' / 'bag'), *map(float, figures))
     return table
 
 
