@@ -58,6 +58,18 @@ class SlamNodeConfig:
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'm, m, rad', None, None,
         'Mount of the laser on the robot (x, y, yaw); all zero: taken from /tf_static.')
+    mode: str = parameter(
+        'mapping', '', None, None,
+        'mapping: a map is made; localization: the robot is tracked in the map of map_file or '
+        'map_topic, which stays as it is.')
+    map_file: str = parameter(
+        '', '', None, None,
+        'Map to localise in: a map.yaml as of map_server, or what serialize_map wrote; used with '
+        'mode localization.')
+    map_topic: str = parameter(
+        '', '', None, None,
+        'Topic of a map to localise in, where map_file is empty, for instance the global_map of '
+        'another robot: the first map that comes is taken; used with mode localization.')
     map_directory: str = parameter(
         '.', '', None, None,
         'Folder of the files that save_map and serialize_map write; ~ is the home folder.',
@@ -81,6 +93,10 @@ class SlamNodeConfig:
         if self.odometry_source not in ('odom', 'encoders'):
             raise ValueError(
                 f'odometry_source = {self.odometry_source!r} is neither odom nor encoders')
+        if self.mode not in ('mapping', 'localization'):
+            raise ValueError(f'mode = {self.mode!r} is neither mapping nor localization')
+        if self.mode == 'localization' and not (self.map_file or self.map_topic):
+            raise ValueError('mode localization needs a map: set map_file or map_topic')
         if len(self.laser_pose) != 3:
             raise ValueError(f'laser_pose = {list(self.laser_pose)} must be x, y and yaw')
 

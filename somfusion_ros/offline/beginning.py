@@ -5,6 +5,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from somfusion_ros.grid import Grid
 from somfusion_ros.io.maps import MapError, read_map
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import load_checkpoint
@@ -41,12 +42,17 @@ def from_map(path: str | Path) -> Beginning:
             return Beginning(_load(path), Start(anywhere=True, localization=True))
     except FileNotFoundError:
         raise MapError(f'{path} does not exist') from None
-    grid = read_map(path)
     try:
-        checkpoint = grid_checkpoint(grid)
+        return from_grid(read_map(path))
+    except MapError:
+        raise
     except ValueError as error:
         raise MapError(f'{path}: {error}') from error
-    return Beginning(checkpoint, Start(anywhere=True, localization=True, drawn=grid))
+
+
+def from_grid(grid: Grid) -> Beginning:
+    """Return how to localise in a drawn map; ValueError where it cannot be used."""
+    return Beginning(grid_checkpoint(grid), Start(anywhere=True, localization=True, drawn=grid))
 
 
 def _load(path: str | Path) -> Checkpoint:

@@ -13,7 +13,7 @@ MAP, MAP_METADATA, ROBOT_POSE, PATH = 'map', 'map_metadata', 'pose', 'path'
 GRADED_SUFFIX = '_graded'   # of the same map with graded evidence
 MAP_GRADED = 'map_graded'
 GLOBAL_MAP, GLOBAL_MAP_GRADED = 'global_map', 'global_map_graded'
-DYNAMIC_MAP = 'dynamic_map'
+INITIAL_POSE, DYNAMIC_MAP = 'initialpose', 'dynamic_map'
 VIEWS = 'views'            # what a robot's path is made of, as a log
 MAP_EPOCH = 'map_epoch'    # which map it is that the other topics speak of
 

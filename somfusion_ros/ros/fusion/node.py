@@ -27,6 +27,7 @@ from somfusion_ros.ros.common.worker import Worker
 from somfusion_ros.ros.fusion.departed_link import DepartedLink
 from somfusion_ros.ros.fusion.discovery import Discovery
 from somfusion_ros.ros.fusion.frames import Frames, team_prefix
+from somfusion_ros.ros.fusion.initial_pose import InitialPose
 from somfusion_ros.ros.fusion.own_map import OwnMap
 from somfusion_ros.ros.fusion.peer_topics import PeerTopics
 from somfusion_ros.ros.fusion.publisher import FusionPublisher
@@ -101,6 +102,7 @@ class FusionNode(ManagedNode):
         self._link = TeamLink(part, self._prefix, receiver, self._count)
         self._departed = DepartedLink(part, self._prefix, receiver)
         self._discovery = Discovery(part, self._prefix, config, self._link, receiver)
+        InitialPose(part, self._frames, self._session, self._count)
         OwnMap(part, config, partial(receiver.on_map, self._name), self._count)
         part.create_subscription(String, names.MAP_EPOCH, partial(receiver.on_epoch, self._name),
                                  qos.LATCHED)

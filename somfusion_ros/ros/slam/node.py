@@ -7,15 +7,21 @@ The callbacks only convert and hand on; the work is done by the threads of `pipe
 """
 
 from collections.abc import Callable
+from pathlib import Path
 import time
 from typing import Any
 from uuid import uuid4
 
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from sensor_msgs.msg import LaserScan
 from somfusion_ros.geometry import Pose
+from somfusion_ros.grid import MAX_CELLS
+from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import Mount
 from somfusion_ros.node_config import SlamNodeConfig
+from somfusion_ros.offline.beginning import Beginning, from_map
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, parameters, qos
 from somfusion_ros.ros.common.diagnostics import Faults
@@ -55,10 +61,12 @@ class SlamNode(ManagedNode):
         part, config = self.configured_part, self._config
         self._last = Last(reported=(0, time.monotonic()))
         self._publisher = SlamPublisher(part, config)
-        self._keeper = CheckpointKeeper(config.state_file, config.state_interval, self._count,
+        state_file = '' if config.mode == 'localization' else config.state_file
+        self._keeper = CheckpointKeeper(state_file, config.state_interval, self._count,
                                         self.get_logger().info)
-        self._pipeline = Pipeline(self._session_from, self._keeper, self._publisher, self._last,
-                                  self._count)
+        self._pipeline = Pipeline(self._session_from, self._beginning(), self._keeper,
+                                  self._publisher, self._last, self._count,
+                                  self.get_logger().info)
         self._pipeline.map_interval = config.map_update_interval
         self.serve(Trigger, names.SAVE_MAP, lambda _: self._save(self._config.map_name))
         self.serve(Trigger, names.SERIALIZE_MAP, self._serialize)
@@ -80,6 +88,11 @@ class SlamNode(ManagedNode):
         scans = part.create_subscription(LaserScan, names.SCAN, self._on_scan, qos.SENSOR_DATA,
                                          qos_overriding_options=qos.overridable())
         self._inputs = f'{scans.topic_name}, {self._odometry.topic}'
+        part.create_subscription(PoseWithCovarianceStamped, names.INITIAL_POSE,
+                                 self._on_initial_pose, qos.LATEST)
+        if self._last.awaited:
+            part.create_subscription(OccupancyGrid, config.map_topic, self._on_given_map,
+                                     qos.LATCHED)
         self.every(TICK, self._pipeline.tick)
         self.every(REPORT_PERIOD, self._report)
         if self._publisher.sends_transforms:
@@ -102,10 +115,20 @@ class SlamNode(ManagedNode):
         """Count an error that nobody foresaw."""
         self._count('worker_errors', repr(error))
 
-    def _session_from(self, state: Any) -> Session:
-        """Begin a session, from a state if there is one."""
-        return Session(self._slam_config, self._config.transform_timeout, self._count, state,
-                       start=uuid4().hex[:12])
+    def _beginning(self) -> Beginning:
+        """Return the map to start in, if there is one already; ValueError where it is no map."""
+        config = self._config
+        if config.mode == 'mapping':
+            return Beginning(self._keeper.load())
+        if config.map_file:
+            return from_map(Path(config.map_file).expanduser())
+        self._last.awaited = f'no map on {self.resolve_topic_name(config.map_topic)} yet'
+        return Beginning()
+
+    def _session_from(self, beginning: Beginning) -> Session:
+        """Begin a session, in a map if there is one."""
+        return Session(self._slam_config, self._config.transform_timeout, self._count,
+                       beginning.checkpoint, start=uuid4().hex[:12], how=beginning.start)
 
     def _on_scan(self, message: LaserScan) -> None:
         """Hand on a scan, and where other robots are."""
@@ -114,9 +137,36 @@ class SlamNode(ManagedNode):
         self._last.heard_stamp = message.header.stamp
         if mount is None:
             self._count('scans_without_mount', self._last.lacking, PATIENCE)
-        elif not self._last.paused:
+        elif not (self._last.paused or self._last.awaited):
             scan = convert.scan_from_message(message, mount.T_base_laser, mount.upside_down)
             self._pipeline.add_scan(scan, message.header.stamp, self._bodies.known())
+
+    def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Believe a pose that was given by hand, in the frame of the map."""
+        frame = message.header.frame_id
+        if plain(frame) != plain(self._config.map_frame):
+            self._count('initialpose_frames', f'a pose in {frame!r} is not used here, only in '
+                        f'{self._config.map_frame!r}; fusion_node translates those in world')
+            return
+        try:
+            pose = convert.pose_from_message(message.pose.pose)
+            P = convert.usable_covariance(message.pose.covariance)
+        except ValueError as error:
+            self._count('initialpose_unusable', str(error))
+            return
+        self._pipeline.relocate(pose, P)
+
+    def _on_given_map(self, message: OccupancyGrid) -> None:
+        """Localise in the first map that comes and can be used."""
+        if not self._last.awaited:
+            return
+        try:
+            grid = convert.grid_from_message(message, MAX_CELLS)
+        except ValueError as error:
+            self._count('given_map_unusable', str(error))
+            return
+        self._last.awaited = ''
+        self._pipeline.localize_in(grid)
 
     def _mount_of(self, laser: str) -> Mount | None:
         """Return the mount of a laser; None, with the reason kept, where there is none to use."""
@@ -133,7 +183,7 @@ class SlamNode(ManagedNode):
 
     def _send_transform(self) -> None:
         """Repeat map -> odom."""
-        if self._last.step is not None and self._last.present is not None:
+        if self._last.step is not None and self._last.present is not None and self._last.placed:
             self._publisher.transform(self._last.step, self._last.present)
 
     def _report(self) -> None:

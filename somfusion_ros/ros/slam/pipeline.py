@@ -8,14 +8,18 @@ neither of them holds up what comes in.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import OccupancyGrid
+import numpy as np
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.maps import write_map
+from somfusion_ros.offline.beginning import Beginning, from_grid
 from somfusion_ros.ros.common.conversions import time_message
 from somfusion_ros.ros.common.worker import Worker
 from somfusion_ros.ros.slam.publisher import SlamPublisher
@@ -33,19 +37,20 @@ class Pipeline:
     """
     A SLAM session at work: scans and odometry in, poses and maps out.
 
-    make_session makes a session that goes on from a state, or begins a new map with None. map:
-    the map as published last, None before the first; map_interval: time [s] between two maps.
+    make_session makes a session that begins so; say takes sentences for the log. map: the map as
+    published last, None before the first; map_interval: time [s] between two maps.
     """
 
-    def __init__(self, make_session: Callable[[Any], Session], keeper: CheckpointKeeper,
-                 publisher: SlamPublisher, last: Last, count: Callable[..., None]) -> None:
+    def __init__(self, make_session: Callable[[Beginning], Session], beginning: Beginning,
+                 keeper: CheckpointKeeper, publisher: SlamPublisher, last: Last,
+                 count: Callable[..., None], say: Callable[[str], object]) -> None:
         self._make_session, self._keeper, self._publisher = make_session, keeper, publisher
-        self._last, self._count = last, count
+        self._last, self._count, self._say = last, count, say
         self.map: OccupancyGrid | None = None
         self.map_interval = 5.0
         self._ticks = 0
         self._drawn: Any = None
-        self._begin(keeper.load())
+        self._begin(beginning)
 
     def start(self) -> None:
         """Start both threads."""
@@ -108,23 +113,50 @@ class Pipeline:
             state = load_checkpoint(path)
         except FileNotFoundError as error:
             raise ValueError(f'{path} does not exist') from error
-        self._tracker.submit(lambda: self._begin(state))
+        start = replace(self._beginning.start, drawn=None)
+        self._tracker.submit(lambda: self._begin(Beginning(state, start)))
         return f'goes on from {len(state.poses)} views of {path}'
 
+    def localize_in(self, grid: Grid) -> None:
+        """Begin to look for the robot in a drawn map, in the thread that draws maps."""
+        def look() -> None:
+            beginning = from_grid(grid)
+            self._tracker.submit(lambda: self._begin(beginning))
+        self._mapper.submit(look)
+
+    def relocate(self, pose: Pose, P: Array) -> None:
+        """Believe that the robot is at a pose in the map, with covariance P (3, 3)."""
+        def stand() -> None:
+            slam = self.session.slam
+            if not len(slam.views()[0]):
+                self._say('initialpose: there is no map yet that the pose could be in')
+                return
+            slam.relocate(pose, P)
+            self._last.placed = True
+            self._say(f'initialpose: the robot is taken to be at {pose.x:.2f} m, {pose.y:.2f} m, '
+                      f'{np.degrees(pose.theta):.1f} deg in the map')
+        self._tracker.submit(stand)
+
     def reset(self) -> str:
-        """Begin a new map; return what was done."""
+        """Begin a new map, or look for the robot in the given map anew; return what was done."""
+        if self._beginning.start.localization:
+            beginning = self._beginning
+            self._tracker.submit(lambda: self._begin(beginning))
+            return 'the robot is sought in the map anew'
         self._keeper.forget(self.session.slam)
-        self._tracker.submit(lambda: self._begin(None))
+        self._tracker.submit(lambda: self._begin(Beginning()))
         return 'a new map begins'
 
-    def _begin(self, state: Any) -> None:
-        """Begin a new map, or go on from a state, whose map is shown before the first scan."""
-        self.session = self._make_session(state)
-        self._publisher.epoch(self.session.slam.epoch)
+    def _begin(self, beginning: Beginning) -> None:
+        """Begin a new map, or go on in one, which is shown before the first scan."""
+        self.session, self._beginning = self._make_session(beginning), beginning
+        slam = self.session.slam
+        self._publisher.epoch(slam.epoch)
         self._last.step = self._last.stamp = None
-        if state is not None:
-            self._last.stamp = time_message(self.session.slam.last_stamp)
-        self._state, self._drawn = state, None   # the map is drawn after a step, or a state
+        self._last.placed, self._found = not slam.lost, 0
+        if np.isfinite(slam.last_stamp):
+            self._last.stamp = time_message(slam.last_stamp)
+        self._drawn = None   # the map is drawn after a step, or as the run begins with it
         self._map_due = 0.0
 
     def _process(self) -> bool:
@@ -139,14 +171,25 @@ class Pipeline:
         self._publisher.epoch(self.session.slam.epoch)   # a jump of time may have begun a map
         if step.accepted:
             self._last.stamp, self._last.step = stamp, step
+            self._last.placed = self._last.placed or step.reason != 'lost'
             self._publisher.pose(step, stamp)
+        self._tell_found()
         return True
+
+    def _tell_found(self) -> None:
+        """Say where a lost robot was found."""
+        slam = self.session.slam
+        for found in slam.found[self._found:]:
+            x, y, theta = slam.pose_sigma
+            self._say(f'found in the map after {found.metres:.1f} m, with a sigma of {x:.2f} m, '
+                      f'{y:.2f} m, {np.degrees(theta):.1f} deg')
+        self._found = len(slam.found)
 
     def _work(self) -> bool:
         """Close one loop or publish the map; return whether there is more."""
         more = self.session.slam.work()
         if time.monotonic() >= self._map_due:
-            newest = self._last.step or self._state
+            newest = self._last.step or self._beginning.checkpoint
             if newest is not self._drawn:
                 self._drawn = newest
                 self._publish_map()

@@ -23,8 +23,9 @@ class Last:
 
     Stamp and step of the newest scan used, stamp of the newest scan heard, seconds that a scan
     took, scans processed so far, when scans and odometry were heard [s, steady clock], what the
-    newest scan lacked, whether new scans are left out, why the last state was not saved, and
-    scans and time at the last report.
+    newest scan lacked, whether new scans are left out, which map is waited for, whether the robot
+    ever had a place in its map, why the last state was not saved, and scans and time at the last
+    report.
     """
 
     stamp: Time | None = None
@@ -36,6 +37,8 @@ class Last:
     odometry_heard: float = float('-inf')
     lacking: str = ''
     paused: bool = False
+    awaited: str = ''
+    placed: bool = True
     not_saved: str = ''
     reported: tuple[int, float] = (0, 0.0)
 
@@ -60,6 +63,8 @@ def silence(last: Last, now: float, views: int) -> tuple[str, str]:
 
     now [s] is the time of a steady clock, views the number of scans kept so far.
     """
+    if last.awaited:
+        return 'seconds_without_given_map', last.awaited
     if last.paused:
         return '', ''
     for word, heard in (('scan', last.scan_heard), ('odometry', last.odometry_heard)):
@@ -86,5 +91,7 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
               'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
     _, silent = silence(last, now, slam.counters['views'])
     warning = 'paused: new scans are left out' if last.paused else silent
+    if slam.lost and not warning:
+        warning = f'lost: {slam.lost}'
     error = f'the state was not saved: {last.not_saved}' if last.not_saved else ''
     return status(node, namespace, values, warning, error)
