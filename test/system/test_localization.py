@@ -27,7 +27,8 @@ from tf2_msgs.msg import TFMessage  # noqa: E402
 
 pytestmark = pytest.mark.system
 WALLS = furnished_room(12.0, 9.0)
-WAY = np.array([[0.6, 0.6], [6.0, 0.6], [11.4, 0.6], [11.4, 3.0], [6.0, 3.1], [0.7, 3.2]])
+THERE = [[0.6, 0.6], [6.0, 0.6], [11.4, 0.6], [11.4, 3.0], [6.0, 3.1], [0.7, 3.2]]
+WAY = np.array([*THERE, [0.6, 1.5], *THERE])   # the first round is enough on an idle machine
 FRAME = Pose(3.0, -2.0, 0.7)   # of the walls in the given map
 METRES, RADIANS = 0.15, np.radians(2.0)
 
@@ -83,10 +84,11 @@ def test_a_robot_finds_itself_in_a_given_map_and_leaves_it_as_it_is(
     assert not transforms   # nobody is told of a place before it is known
     for last in range(20, len(robot.stamps) + 20, 20):
         robot.drive(min(last, len(robot.stamps)))
-        if 'found in the map after' in words.read_text():
+        graph.spin_for(1.0)   # the search needs its time, which a real drive of 2 s gives it
+        if robot.poses[-1].pose.covariance[0] < 1.0:   # [m^2] it believes that it is found
+            assert_placed(robot)
             break
-        assert robot.poses[-1].pose.covariance[0] > 10.0   # [m^2]
-    assert 'found in the map after' in words.read_text()
+    graph.until(lambda: 'found in the map after' in words.read_text(), 'the word of it')
     if given == 'file':
         robot.drive(min(robot.sent + 40, len(robot.stamps)))
         assert_placed(robot)

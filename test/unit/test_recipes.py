@@ -81,7 +81,9 @@ def test_frames_are_in_the_robots_tree_and_topics_in_its_namespace(file: str, no
         last = name.rpartition('.')[2]
         if last.endswith('_frame'):
             assert value in FRAMES, name
-        if last.endswith('topic') and file != 'slam_toolbox_robot.yaml':   # remapped at launch
+        if last == 'map_topic' and 'slam_node' in node:   # another robot's, so in full
+            assert re.fullmatch(rf'/robot\d/{names.GLOBAL_MAP}', value)
+        elif last.endswith('topic') and file != 'slam_toolbox_robot.yaml':   # remapped at launch
             assert value in TOPICS, name
             assert not value.startswith('/'), f'{name} would leave the namespace'
 
