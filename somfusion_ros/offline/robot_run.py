@@ -76,7 +76,8 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     session = Session(config or SlamConfig(), PATIENCE, faults, background=False,
                       capacity=MOST_WAITING,
                       checkpoint=beginning.checkpoint if beginning else None,
-                      how=beginning.start if beginning else Start())
+                      how=beginning.start if beginning else Start(),
+                      odometry=log.odometry.kind != 'none')
     before = time.perf_counter()
     for step in steps_of(log, session):
         milliseconds.append(1e3 * (time.perf_counter() - before))

@@ -25,13 +25,15 @@ class Odometry:
 
     stamp [s], pose T_odom_base (3,), twist (3,) [m/s, m/s, rad/s] in the base frame, and, where
     it comes from encoders, slip (3,): the covariance of travel and turn that the wheels' slip
-    has added up to, var(travel) [m^2], cov(travel, turn) [m rad], var(turn) [rad^2].
+    has added up to, var(travel) [m^2], cov(travel, turn) [m rad], var(turn) [rad^2]; where nobody
+    measured the motion, slip (4,) with var(across) [m^2] last, and measured is False.
     """
 
     stamp: float
     pose: Array
     twist: Array
     slip: Array | None = None
+    measured: bool = True
 
     def slip_since(self, previous: 'Odometry') -> Array | None:
         """Return the slip (3,) since an earlier moment; None where it is not known of both."""
@@ -238,7 +240,8 @@ def increment_covariance(step: Array, noise: MotionNoise, slip: Array | None = N
         P = np.diag((along, across, heading))
         c, s = (x / travel, y / travel) if travel > 1e-9 else (1.0, 0.0)
     else:
-        along, both, heading = slip.tolist()
+        along, both, heading, *sideways = slip.tolist()
+        across += sum(sideways)
         P = np.diag((along + floor, across, heading + floor_heading))
         P[0, 2] = P[2, 0] = both
         c, s = cos(0.5 * turn), sin(0.5 * turn)

@@ -15,6 +15,7 @@ import numpy as np
 from somfusion_ros.geometry import Array, between
 from somfusion_ros.slam.laser import Laser
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
+from somfusion_ros.slam.motion_guess import MotionGuess
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.scan_clock import Arrived, ScanClock
 from somfusion_ros.slam.scan_queue import MAX_WAITING, ScanQueue
@@ -57,14 +58,15 @@ class Pairing:
     count : called with the name of each fault, and its reason
     began_anew : called where time and odometry were both set back
     capacity : scans that may wait at once
+    guess : what stands in for odometry; None where there is odometry
 
     """
 
     def __init__(self, timeout: float, count: Callable[..., None],
                  began_anew: Callable[[], None] = lambda: None,
-                 capacity: int = MAX_WAITING) -> None:
+                 capacity: int = MAX_WAITING, guess: MotionGuess | None = None) -> None:
         self._timeout, self._count, self._capacity = timeout, count, capacity
-        self._began_anew = began_anew
+        self._began_anew, self._guess = began_anew, guess
         self.odometry = OdometryBuffer(count)
         self._queue = ScanQueue(self.odometry, timeout, count, capacity)
         self._odometry_stamps = StampStream()
@@ -89,6 +91,10 @@ class Pairing:
     def take(self, now: float) -> Paired | None:
         """Return the next scan that the odometry covers; None where there is none yet."""
         self._drop_undecided(now)
+        if self._guess is not None:
+            first = self._queue.first()
+            return None if first is None else Paired(
+                first[0], first[1], self._guess.at(first[0].stamp))
         found = next(self._queue.ready(now), None)
         if found is None:
             return None
@@ -128,6 +134,8 @@ class Pairing:
         self._count_stray('scan', judged.stray, last)
         if judged.leap:
             self._count_leap('scan', judged)
+            if self._guess is not None and judged.leap < 0.0:
+                self._clock.shift += USUAL_PERIOD - judged.leap
             self._clock.leapt('scan', judged.leap, self._newest_odometry)
         for stamp, tagged in judged.good:
             self._clock.add(Arrived(stamp, self._newest_odometry, tagged))

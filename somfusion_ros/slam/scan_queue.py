@@ -87,6 +87,12 @@ class ScanQueue:
             else:
                 return
 
+    def first(self) -> Any:
+        """Return the first scan that waits, whatever the odometry; None where none may go."""
+        if not self._waiting or self._is_early(self._waiting[0].stamp):
+            return None
+        return self._waiting.popleft().item
+
     def clear(self) -> None:
         """Drop all waiting scans, after a jump in time."""
         self._waiting.clear()

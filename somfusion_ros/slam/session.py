@@ -19,6 +19,7 @@ from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.motion_guess import MotionGuess
 from somfusion_ros.slam.pairing import continued, Paired, Pairing
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.scan_queue import MAX_WAITING
@@ -49,14 +50,17 @@ class Session:
     capacity : scans that may wait at once
     start : name of this start, of which no other robot and no other start has the same
     how : how the run starts in the checkpoint's map
+    odometry : whether there is any; else the motion is guessed from the matches
 
     """
 
     def __init__(self, config: SlamConfig, timeout: float, count: Callable[..., None],
                  checkpoint: Checkpoint | None = None, background: bool = True,
-                 capacity: int = MAX_WAITING, start: str = '', how: Start = Start()) -> None:
+                 capacity: int = MAX_WAITING, start: str = '', how: Start = Start(),
+                 odometry: bool = True) -> None:
         self._config, self._timeout, self._count = config, timeout, count
         self._background, self._capacity = background, capacity
+        self._has_odometry = odometry
         self._lock = RLock()
         self._start, self._maps_begun = start, 0
         self.bodies = Bodies()    # of other robots, which are left out of the scans
@@ -76,7 +80,9 @@ class Session:
     def reset(self) -> None:
         """Begin a new map, and forget what is on its way."""
         with self._lock:
-            self._pairing = Pairing(self._timeout, self._count, self._begin_anew, self._capacity)
+            self._guess = None if self._has_odometry else MotionGuess()
+            self._pairing = Pairing(self._timeout, self._count, self._begin_anew, self._capacity,
+                                    self._guess)
             self._last_pose: Array | None = None
             self._new_map()
 
@@ -95,6 +101,12 @@ class Session:
         """Add a scan; the tag comes back with its step. now [s] is any steady time."""
         with self._lock:
             self._pairing.add_scan(scan, tag, now)
+
+    def add_turn_rate(self, stamp: float, rate: float) -> None:
+        """Take the turn rate [rad/s] of a gyroscope at a stamp [s]."""
+        with self._lock:
+            if self._guess is not None:
+                self._guess.add_turn_rate(stamp, rate)
 
     def steps(self, now: float) -> Iterator[tuple[Any, Step]]:
         """Process the scans that odometry covers; yield each one's tag and step."""
@@ -129,6 +141,8 @@ class Session:
         step = slam.process(scan, paired.odometry, self.bodies)
         if step.reason and not scan.fault():   # a fault was counted when the scan came
             self._count(step.reason, REASONS.get(step.reason, 'a scan was not used as it should'))
+        if self._guess is not None:
+            self._guess.learn(step)
         return paired.tag, step
 
     def _resume(self, checkpoint: Checkpoint, how: Start) -> None:

@@ -109,7 +109,7 @@ class Tracker:
             if matched:
                 self._correct(match, match.covariance + sweep_covariance(
                     scan.sweep, odometry.twist))
-                if (previous is not None and not (reason or was_lost)
+                if (previous is not None and odometry.measured and not (reason or was_lost)
                         and ratio >= self.config.doubtful_inlier_ratio):
                     self.calibration.learn(previous, odometry,
                                            between(before, self.T_view_base),
