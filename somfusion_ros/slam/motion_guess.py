@@ -31,6 +31,9 @@ class GuessTuning:
     longest: float = tuned(
         1.0, 's', 'for which a robot goes on; after a longer pause it may be anywhere near',
         'by design')
+    fastest: tuple[float, float] = tuned(
+        (2.0, 3.0), 'm/s, rad/s', 'at which a robot is taken to go on, as a wrong match tells more',
+        'by design')
     gyro: tuple[float, float] = tuned(
         (0.003, 0.02), 'rad, share', 'sigma of a turn that a gyroscope tells: floor and growth',
         'by design')
@@ -87,7 +90,8 @@ class MotionGuess:
         time = step.stamp - last.stamp
         moved = between(np.array(last.pose), np.array(step.pose))
         if last.matched or last.is_view:
-            self._twist = mean_twist(moved, time)
+            twist, limit = mean_twist(moved, time), np.array(TUNING.fastest)[[0, 0, 1]]
+            self._twist = np.clip(twist, -limit, limit)
             if self._turned:
                 rate = (self._turned - float(moved[2])) / time
                 self._bias += TUNING.bias * float(np.clip(rate - self._bias, -0.1, 0.1))
