@@ -20,6 +20,7 @@ from somfusion_ros.io.parameters import make
 from somfusion_ros.io.result import read_evidence, read_result
 from somfusion_ros.io.trajectories import read_tum
 from somfusion_ros.report import map_figures, pair_figures
+from somfusion_ros.report.elastic_figure import before_and_after, elastic_team
 from somfusion_ros.report.pair_data import PairData
 from somfusion_ros.report.team_figures import TeamData
 from somfusion_ros.report.verdict_panel import draw_verdict, verdict_word
@@ -80,12 +81,13 @@ def report(folder: str | Path) -> Path:
 
 def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path:
     """
-    Draw DIR/merge.png, DIR/report.png and DIR/figures/*.png.
+    Draw DIR/merge.png, DIR/report.png, DIR/elastic.png and DIR/figures/*.png.
 
     merge.png is for a glance: where the maps lie, where they agree and contradict each other, the
     runner-up, and the verdict. merge.png, report.png and the single figures show the most probable
     pair; report.png also shows the map of a team of three or more. Every other pair has a page of
-    its own, DIR/figures/<target>_<source>.png.
+    its own, DIR/figures/<target>_<source>.png. elastic.png shows the map before and after it was
+    bent.
     """
     record = read_result(folder)
     grids = {name: read_evidence(folder / name) for name in record['robots']}
@@ -97,6 +99,9 @@ def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path
     ranked = [PairData(a, b, (grids[a], grids[b]), traces[a, b], (paths[a], paths[b]))
               for a, b in sorted(traces, key=lambda pair: -traces[pair].alignment.probability)]
     drawings = {figures / 'team.png': partial(_team_figure, team)}
+    bent = elastic_team(folder, world)
+    if bent is not None:
+        drawings[folder / 'elastic.png'] = partial(before_and_after, team, bent, record)
     if ranked:
         drawings[folder / 'merge.png'] = partial(
             panels_in_rows, GLANCE, ranked[0], 2, 1.5 * PANEL, _title(ranked[0]))
