@@ -48,7 +48,7 @@ def assemble(data: bytes) -> tuple[Checkpoint, int]:
 
 
 def _take(read: _Read, kind: str, a: dict[str, Array]) -> None:
-    """Take one record in; raise one of DAMAGED where it does not fit."""
+    """Add one record; raise one of DAMAGED where it does not fit."""
     if kind == 'bad':
         read.damaged += 1
         return

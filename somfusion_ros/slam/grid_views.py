@@ -97,7 +97,7 @@ def _snake(places: Array, numbers: list[int]) -> NDArray[np.intp]:
 
 def _middles(grid: Grid) -> Array:
     """
-    Middle (H, W, 2) [m] of the wall around every cell, in the map's frame.
+    Return the middle (H, W, 2) [m] of the wall around every cell, in the map's frame.
 
     Walls are drawn as thick as they blur; a beam that ends at their face is too short.
     """

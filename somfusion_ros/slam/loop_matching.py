@@ -67,7 +67,7 @@ Around = Callable[[int], LocalMap]   # local map of an old view
 
 
 def local_map(old: int, chain: range, poses: Array, clouds: Sequence[Cloud]) -> LocalMap:
-    """Local map around an old view, in its frame, of views of its chain."""
+    """Return the local map around an old view, in its frame, of views of its chain."""
     near = range(max(chain.start, old - TUNING.neighbours),
                  min(chain.stop, old + TUNING.neighbours + 1))
     return LocalMap.of_views([clouds[k] for k in near], list(between(poses[old], poses[near])))

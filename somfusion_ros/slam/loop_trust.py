@@ -72,7 +72,7 @@ class LoopClosure:
         self._pending: list[Loop] = []
 
     def trusted(self, loop: Loop, ekf: Estimate) -> list[Constraint]:
-        """Relations that may now enter the filter: this loop, and those it confirms."""
+        """Return the constraints that may enter the filter: this loop, and those it confirms."""
         y, S = ekf.innovation(loop.constraint)
         possible = squared_mahalanobis(y, S) < PLACES.chi2
         if loop.sure and possible:
@@ -99,7 +99,7 @@ def _far_enough(loops: list[Loop], ekf: Estimate) -> bool:
 
 
 def _travel(first: int, last: int, poses: Array) -> float:
-    """Length [m] of the path through poses (n, 3) from one view to another."""
+    """Return the length [m] of the path through poses (n, 3) from one view to another."""
     return float(np.hypot(*np.diff(poses[first:last + 1, :2], axis=0).T).sum())
 
 

@@ -131,7 +131,7 @@ class Mapper:
 
 
 def place(scans: Sequence[MapScan], views: Array) -> Array:
-    """Poses T_map_base (n, 3) of scans that hang on views (m, 3)."""
+    """Return the poses T_map_base (n, 3) of scans that hang on views (m, 3)."""
     if not scans:
         return np.zeros((0, 3))
     return compose(views[[s.view for s in scans]], np.array([s.T_view_base for s in scans]))

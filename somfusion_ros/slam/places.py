@@ -77,7 +77,7 @@ def nearest(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamCo
 
 
 def distance(pose: Array, poses: Array, config: SlamConfig) -> Array:
-    """Distance (n,) of poses (n, 3) from a pose (3,), in least travels of a new view."""
+    """Return how far (n,) poses (n, 3) are from one (3,), in least travels of a new view."""
     d = poses - pose
     away: Array = (np.hypot(d[:, 0], d[:, 1]) / config.minimum_travel_distance
                    + np.abs(wrap(d[:, 2])) / config.minimum_travel_heading)

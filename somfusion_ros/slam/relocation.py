@@ -234,7 +234,7 @@ def _apart(poses: Array, taken: Array) -> NDArray[np.bool_]:
 
 
 def _tiles(poses: Array) -> Array:
-    """Middles (m, 3) of the windows of the search, where the views at poses (n, 3) are near."""
+    """Return middles (m, 3) of search windows that have views at poses (n, 3) near."""
     edge = 2.0 * TUNING.tile
     corners = [np.floor((poses[:, :2] + shift) / edge) for shift in
                TUNING.margin * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1), (0, 0)])]

@@ -207,7 +207,7 @@ class SingleMap:
             self._fresh = deque((k + first for k in piece._fresh), self._fresh.maxlen)
 
     def _seen_from(self, view: int) -> tuple[Array, Array]:
-        """Pose T_view_base (3,) of the robot as seen from an old view, and covariance (3, 3)."""
+        """Return T_view_base (3,) as seen from an old view, and its covariance (3, 3)."""
         T_view_at, P = self.graph.ekf.relative(view, self._at)
         F, G = compose_jacobians(T_view_at, self.tracker.T_view_base)
         return (compose(T_view_at, self.tracker.T_view_base),

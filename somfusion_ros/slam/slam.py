@@ -159,7 +159,7 @@ class Slam:
         return self._lost.reason if self._lost else ''
 
     def grid(self) -> Grid:
-        """Map at the poses held now; slow after a loop, so not for the scan path."""
+        """Return the map at the poses held now; slow after a loop, so not for the scan path."""
         if self._drawn is not None:
             return self._drawn
         scans, poses = self._map.drawn()

@@ -153,7 +153,7 @@ class ElasticSession:
 
     def places(self, path: Array | None) -> dict[str, Pose]:
         """
-        T_world_map by robot such that where each robot is now is right; {} without a solution.
+        Return T_world_map by robot that has each right where it is now; {} if unsolved.
 
         path (n, 3): the views of this robot in its own map as it is now, where that is known.
         """

@@ -52,7 +52,7 @@ def draw_joint(robots: Mapping[str, ViewSet], poses: Mapping[str, Array], resolu
 
 
 def _placed(views: ViewSet, poses: Array) -> list[tuple[float, Array, Outline]]:
-    """Stamps of views and of scans between them, their poses (3,) in the world, what they saw."""
+    """Return stamps, poses (3,) in the world and outlines of views and scans between them."""
     n = len(poses)
     placed = [(float(stamp), pose, cloud.outline)
               for stamp, pose, cloud in zip(views.stamps[:n], poses, views.clouds[:n])]

@@ -29,12 +29,12 @@ class KnownPoses:
         self._epochs = {robot: epochs[robot] for robot in self._poses if robot in epochs}
 
     def holding(self, epochs: Mapping[str, Epoch]) -> dict[str, Pose]:
-        """Poses, by robot, that hold for the maps of now."""
+        """Return the poses, by robot, that hold for the maps of now."""
         return {robot: self._poses[robot] for robot, epoch in self._epochs.items()
                 if epochs.get(robot) == epoch}
 
     def lapsed(self, epochs: Mapping[str, Epoch]) -> list[str]:
-        """Robots whose pose was given for a map that they no longer have."""
+        """Return the robots whose pose was given for a map that they no longer have."""
         return [robot for robot, epoch in self._epochs.items()
                 if epochs.get(robot, epoch) != epoch]
 

@@ -100,7 +100,7 @@ def _inverted(z: Array, R: Array) -> Array:
 
 
 def hung(constraint: Constraint, first: Spine, second: Spine) -> Constraint:
-    """Take a constraint between two views to the nodes on which they hang."""
+    """Move a constraint between two views to the nodes on which they hang."""
     a, T_a_i, P_i = first.hang(constraint.first)
     b, T_b_j, P_j = second.hang(constraint.second)
     z, R = _then(T_a_i, P_i, constraint.z, constraint.R)

@@ -83,7 +83,7 @@ def unpacked(files: Sequence[Path], folder: Path) -> list[Path]:
 
 
 def unpacked_message(raw: Any) -> Any:
-    """Bytes of a message that may be compressed by itself; ValueError where it is too large."""
+    """Return the bytes of a message, decompressed if need be; ValueError if too large."""
     if bytes(raw[:4]) != ZSTD_MAGIC:
         return raw
     found = zstd.ZstdDecompressor().decompress(bytes(raw), MOST_UNPACKED)
