@@ -64,23 +64,15 @@ def warning(messages: list[DiagnosticArray]) -> str:
     return str(messages[-1].status[0].message) if messages else ''
 
 
-@pytest.mark.parametrize('given', ['file', 'topic'])
-def test_a_robot_finds_itself_in_a_given_map_and_leaves_it_as_it_is(
-        given: str, graph: Graph, tmp_path: Path) -> None:
+def test_a_robot_finds_itself_in_a_given_map_and_leaves_it_as_it_is(graph: Graph,
+                                                                    tmp_path: Path) -> None:
     robot, known = Robot(graph, 'robot1', WAY), fake_grid(WALLS, T_map_walls=FRAME)
-    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
     transforms = graph.hear(TFMessage, '/tf', qos.TRANSFORMS)
-    other = graph.node.create_publisher(OccupancyGrid, '/robot2/global_map', qos.LATCHED)
-    source = ('map_file', write_map(tmp_path, known)) if given == 'file' else (
-        'map_topic', '/robot2/global_map')
-    robot.launch(*GIVEN_MOUNT, '-p', 'mode:=localization', '-p', f'{source[0]}:={source[1]}')
-    if given == 'topic':
-        graph.until(lambda: 'no map on /robot2/global_map yet' in warning(diagnostics), 'a word')
-        other.publish(convert.grid_message(known, 'world', Time(sec=1)))
+    path = write_map(tmp_path, known)
+    robot.launch(*GIVEN_MOUNT, '-p', 'mode:=localization', '-p', f'map_file:={path}')
     graph.until(lambda: robot.maps, 'the given map')
     shown = robot.maps[-1]
     robot.drive_until_heard()
-    words = graph.processes.log_path('slam robot1')
     assert not transforms   # nobody is told of a place before it is known
     for last in range(20, len(robot.stamps) + 20, 20):
         robot.drive(min(last, len(robot.stamps)))
@@ -88,22 +80,27 @@ def test_a_robot_finds_itself_in_a_given_map_and_leaves_it_as_it_is(
         if robot.poses[-1].pose.covariance[0] < 1.0:   # [m^2] it believes that it is found
             assert_placed(robot)
             break
+    words = graph.processes.log_path('slam robot1')
     graph.until(lambda: 'found in the map after' in words.read_text(), 'the word of it')
-    if given == 'file':
-        robot.drive(min(robot.sent + 40, len(robot.stamps)))
-        assert_placed(robot)
-        graph.until(lambda: transforms, 'map -> odom')
-        heard = len(robot.maps)
-        graph.until(lambda: len(robot.maps) > heard, 'the map again')
-        assert (robot.maps[-1].info.width, robot.maps[-1].data) == (shown.info.width, shown.data)
+    robot.drive(min(robot.sent + 40, len(robot.stamps)))
+    assert_placed(robot)
+    graph.until(lambda: transforms, 'map -> odom')
+    heard = len(robot.maps)
+    graph.until(lambda: len(robot.maps) > heard, 'the map again')
+    assert (robot.maps[-1].info.width, robot.maps[-1].data) == (shown.info.width, shown.data)
     graph.assert_clean(graph.processes.stop())
 
 
-def test_a_pose_by_hand_puts_the_robot_there_at_once(graph: Graph, tmp_path: Path) -> None:
+def test_a_pose_by_hand_puts_the_robot_into_the_map_of_another(graph: Graph) -> None:
     robot = Robot(graph, 'robot1', WAY)
-    path = write_map(tmp_path, fake_grid(WALLS, T_map_walls=FRAME))
+    diagnostics = graph.hear(DiagnosticArray, '/diagnostics', qos.STREAM)
+    other = graph.node.create_publisher(OccupancyGrid, '/robot2/global_map', qos.LATCHED)
     by_hand = graph.node.create_publisher(PoseWithCovarianceStamped, '/robot1/initialpose', 1)
-    robot.launch(*GIVEN_MOUNT, '-p', 'mode:=localization', '-p', f'map_file:={path}')
+    robot.launch(*GIVEN_MOUNT, '-p', 'mode:=localization', '-p',
+                 'map_topic:=/robot2/global_map')
+    graph.until(lambda: 'no map on /robot2/global_map yet' in warning(diagnostics), 'a word')
+    other.publish(convert.grid_message(fake_grid(WALLS, T_map_walls=FRAME), 'world', Time(sec=1)))
+    graph.until(lambda: robot.maps, 'the given map')
     robot.drive_until_heard()
     words = graph.processes.log_path('slam robot1')
     guess = Pose.from_array(place(0, robot) + (0.2, -0.15, np.radians(8.0)))
