@@ -34,7 +34,7 @@ OLDEST_PYTHON := $(shell for p in python3.10 python3.11 $(PYTHON); do \
 SOURCES := setup.py setup.cfg package.xml $(wildcard config/* launch/*) \
            $(shell find somfusion_ros -name '*.py' -o -name '*.json' -o -name py.typed)
 
-.PHONY: demo test test-fast oldest figures lint setup tf2_msgs clean
+.PHONY: demo test test-fast oldest figures calibrate lint setup tf2_msgs clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.package
@@ -56,6 +56,12 @@ oldest: $(OLDEST)/.dependencies
 figures: $(VENV)/.package
 	$(BIN)/python -m benchmarks.figures $(if $(DATA),--data $(DATA)) $(if $(PARTS),--parts $(PARTS)) \
 	    $(FIGURES)
+
+# The weights of the verdict, learned anew, with the table of all cases and what they reach, from
+# folders of pairs of maps and of replayed teams: make calibrate DATA=... REPLAYS="out1 out2"
+calibrate: $(VENV)/.package
+	$(BIN)/python -m benchmarks.fusion.calibration $(DATA) \
+	    $(if $(REPLAYS),--replays $(REPLAYS)) --write
 
 lint: $(VENV)/.package
 	$(BIN)/python -m pytest test/unit/test_style.py test/unit/test_types.py \

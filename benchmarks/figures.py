@@ -101,15 +101,14 @@ def fusion_growth(source: Source) -> Iterator[Table]:
 
 @PARTS.add
 def calibration(source: Source) -> Iterator[Table]:
-    """Count who is accepted at which probability; with the maps of replayed teams, if any."""
-    from benchmarks.data.real_maps import RealMaps
+    """Count who is accepted at which probability, from the measures of `make calibrate`."""
     from benchmarks.fusion import calibration as study
-    replays = [path.parent for path in sorted((RESULTS / 'teams').glob('*/result.json'))]
-    maps = RealMaps(source.data / 'pairs', replays)
-    samples = study.collect(maps, 0.01 if source.quick else 1.0, None)
-    chance = study.probabilities(samples)
-    yield study.thresholds_table(samples, chance)
-    yield study.kinds_table(samples, chance)
+    from benchmarks.fusion.verdict_fit import read_samples, TABLE
+    samples = read_samples(TABLE)
+    _, chances = study.judged(samples[::20] if source.quick else samples)
+    samples = samples[::20] if source.quick else samples
+    yield study.thresholds_table(samples, chances)
+    yield study.kinds_table(samples, *chances.values())
 
 
 @PARTS.add

@@ -36,6 +36,7 @@ class RealMaps:
     def __init__(self, pairs: Path, replays: list[Path]) -> None:
         """Read the list of pairs and all maps of replays."""
         self._folder = pairs
+        self._others: dict[str, list] = {}
         with open(pairs / 'manifest.csv', encoding='utf-8') as file:
             rows = list(csv.DictReader(file))
         self._true = [row for row in rows if row['kind'] == 'pos']
@@ -83,6 +84,27 @@ class RealMaps:
             return min(places), grids[rng.integers(2)], grids[rng.integers(2)]
         place, grid = self._logs[sorted(self._logs)[number % len(self._logs)]]
         return place, grid, grid
+
+    def other(self, folder: str) -> list:
+        """Return the rows of a folder of pairs beside the first, with their maps."""
+        path = self._folder.parent / folder
+        if folder not in self._others:
+            with open(path / 'manifest.csv', encoding='utf-8') as file:
+                self._others[folder] = [(row, *load_pair(path, row['name']))
+                                        for row in csv.DictReader(file)]
+        return self._others[folder]
+
+    def mesh_map(self, rng: Random) -> tuple[str, Grid]:
+        """Draw a map of a depth camera's mesh, with its place."""
+        rows = self.other('pairs_mesh')
+        row, *grids = rows[rng.integers(len(rows))]
+        return row['place_target'], grids[rng.integers(2)]
+
+    def floor_map(self, rng: Random) -> tuple[str, Grid]:
+        """Draw a map of a storey, with its place."""
+        rows = self.other('pairs_floors')
+        row, *grids = rows[rng.integers(len(rows))]
+        return 'gdc', grids[rng.integers(2)]
 
     def _add_replay(self, folder: Path) -> None:
         """Read the maps of one replay, and pair them where they share a place."""

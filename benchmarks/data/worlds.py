@@ -213,3 +213,130 @@ def _resampled(grid: Grid, back: Warped) -> Grid:
     evidence = cv2.remap(grid.evidence, np.ascontiguousarray(x), np.ascontiguousarray(y),
                          cv2.INTER_NEAREST)
     return Grid(evidence, grid.resolution, grid.T_frame_grid)
+
+
+def scaled(grid: Grid, factor: float) -> Grid:
+    """Draw a map larger or smaller than it is, as a sensor with a wrong scale does."""
+    x, y, theta = grid.T_frame_grid
+    return Grid(grid.evidence, grid.resolution * factor, Pose(x * factor, y * factor, theta))
+
+
+def wobbled(grid: Grid, rng: Random, amplitude: float, length: float) -> Grid:
+    """Shake a map smoothly, by about `amplitude` [m] over a `length` [m]."""
+    nodes = [int(side * grid.resolution / length) + 3 for side in grid.shape]
+    row, column = np.indices(grid.shape, dtype=np.float32)
+    shift = [cv2.resize(rng.normal(0.0, amplitude / grid.resolution, nodes).astype(np.float32),
+                        grid.shape[::-1], interpolation=cv2.INTER_CUBIC) for _ in range(2)]
+    evidence = cv2.remap(grid.evidence, column + shift[0], row + shift[1], cv2.INTER_NEAREST)
+    return Grid(evidence, grid.resolution, grid.T_frame_grid)
+
+
+def emptied(grid: Grid, rng: Random, size: float, share: float = 1.0) -> Grid:
+    """Carry a share of the loose pieces away that are smaller than `size` [m]."""
+    reach = max(1, round(0.25 / grid.resolution))     # holes in a wall do not make it two
+    near = cv2.dilate(grid.occupied.astype(np.uint8), np.ones((reach, reach), np.uint8))
+    count, label, facts, _ = cv2.connectedComponentsWithStats(near, connectivity=8)
+    small = np.maximum(facts[:, cv2.CC_STAT_WIDTH], facts[:, cv2.CC_STAT_HEIGHT]) \
+        * grid.resolution < size
+    label = np.where(grid.occupied, label, 0)
+    gone = small & (rng.random(count) < share)
+    gone[0] = False
+    return Grid(np.where(gone[label], np.float32(1.0), grid.evidence), grid.resolution,
+                grid.T_frame_grid)
+
+
+def meshed(grid: Grid, rng: Random) -> Grid:
+    """Draw a map as from the mesh of a depth camera: no clutter, thick walls, holes in them."""
+    grid = emptied(grid, rng, 1.5)
+    thick = int(rng.integers(2, 5))
+    walls = cv2.dilate(grid.occupied.astype(np.uint8), np.ones((thick, thick), np.uint8)) > 0
+    evidence = np.where(walls & grid.known, np.float32(-1.0), grid.evidence)
+    spots = np.argwhere(walls)
+    if len(spots) == 0:
+        return grid
+    for row, column in spots[rng.integers(len(spots), size=len(spots) // 600 + 1)]:
+        r = int(rng.uniform(0.1, 0.6) / grid.resolution) + 1
+        part = evidence[max(0, row - r):row + r, max(0, column - r):column + r]
+        part[part < 0] = 0.0
+    return wobbled(Grid(evidence, grid.resolution, grid.T_frame_grid), rng,
+                   rng.uniform(0.03, 0.12), rng.uniform(2.0, 5.0))
+
+
+def new_walls(grid: Grid, other: Grid, of: Array | None = None) -> float:
+    """Length [m] of wall (of a mask) where another map of the same frame has free space."""
+    near = cv2.dilate(other.occupied.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    new = grid.occupied & other.free & ~near
+    return float((new if of is None else new & of).sum() * grid.resolution)
+
+
+def drawn_as(grid: Grid, rng: Random, style: int) -> Grid:
+    """Draw a map in greys (0), with thick walls and holes (1), or with much noise (2)."""
+    if style == 0:
+        grey = rng.uniform(0.62, 1.0, grid.shape).astype(np.float32)
+        return Grid(grid.evidence * grey, grid.resolution, grid.T_frame_grid)
+    if style == 1:
+        thick = cv2.dilate(grid.occupied.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        evidence = np.where(thick & grid.known, np.float32(-1.0), grid.evidence)
+        return worn(Grid(evidence, grid.resolution, grid.T_frame_grid), rng, 0.5, 0.15, 0.0002)
+    return worn(grid, rng, 1.5, 0.2, 0.003)
+
+
+def partitioned(grid: Grid, rng: Random, count: int, longest: float) -> Grid:
+    """Put straight walls of 1.5 m to `longest` [m] into free space, with a door in some."""
+    evidence, r = grid.evidence.copy(), grid.resolution
+    wide = np.flatnonzero(cv2.erode(grid.free.astype(np.uint8), np.ones((9, 9), np.uint8)))
+    for cell in rng.choice(wide, count if len(wide) else 0):
+        row, column = divmod(int(cell), grid.shape[1])
+        across = rng.random() < 0.5
+        line, at = (evidence[row], column) if across else (evidence[:, column], row)
+        shut = np.flatnonzero(line <= 0.0)
+        low = shut[shut < at].max(initial=-1) + 1
+        high = shut[shut > at].min(initial=len(line))
+        if (high - low) * r > longest:
+            low = max(low, at - int(rng.uniform(0.3, 0.7) * longest / r))
+            high = min(high, low + int(longest / r))
+        if (high - low) * r < 1.5:
+            continue
+        gap = int(rng.integers(low, high)) if rng.random() < 0.5 else -10 ** 6
+        keep = np.abs(np.arange(low, high) - gap) * r > 0.5
+        line[low:high][keep] = -1.0
+    return Grid(evidence, r, grid.T_frame_grid)
+
+
+def extended(grid: Grid, rng: Random, count: int) -> Grid:
+    """Open walls into rooms that are not there: 3 to 8 m wide, 1.5 to 4 m deep."""
+    evidence, r = grid.evidence.copy(), grid.resolution
+    spots = np.flatnonzero(grid.occupied)
+    known = cv2.integral(cv2.dilate(grid.known.astype(np.uint8), np.ones((3, 3), np.uint8)))
+    tries = 40 * count if len(spots) else 0
+    for spot in rng.choice(spots, tries) if tries else ():
+        row, column = divmod(int(spot), grid.shape[1])
+        wide, deep, side = int(rng.uniform(3, 8) / r), int(rng.uniform(1.5, 4) / r), rng.random()
+        turned = rng.random() < 0.5
+        # The image is looked at transposed for rooms to the left and right of a wall.
+        image, known_there = (evidence.T, known.T) if turned else (evidence, known)
+        y, x = (column, row - wide // 2) if turned else (row, column - wide // 2)
+        y = y + 2 if side < 0.5 else y - deep - 1
+        if x < 2 or y < 2 or x + wide + 2 > image.shape[1] or y + deep + 2 > image.shape[0]:
+            continue
+        inside = (known_there[y + deep, x + wide] - known_there[y, x + wide]
+                  - known_there[y + deep, x] + known_there[y, x])
+        if inside > 0.1 * wide * deep:
+            continue
+        _open_room(image, x, y, wide, deep, side < 0.5)
+        count -= 1
+        if count == 0:
+            break
+    return Grid(evidence, r, grid.T_frame_grid)
+
+
+def _open_room(image: Array, x: int, y: int, wide: int, deep: int, below: bool) -> None:
+    """Draw a room of free cells with its walls, without the wall that it opens."""
+    area = image[y - 1:y + deep + 1, x - 1:x + wide + 1]
+    walls = np.ones(area.shape, bool)
+    walls[1:-1, 1:-1] = False
+    area[walls & (area <= 0.0)] = -1.0
+    area[~walls] = 1.0
+    low = y - 5 if below else y + deep - 1
+    opened = image[max(low, 0):low + 6, x + 1:x + wide - 1]
+    opened[opened < 0] = 1.0

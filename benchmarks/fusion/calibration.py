@@ -3,32 +3,36 @@
 """
 Who is accepted, at which probability, and how well calibrated that probability is.
 
-usage: python -m benchmarks.fusion.calibration PAIRS_DIR [--replays DIR ...] [--share S]
-       [--kinds NAME ...] [--keep FILE] [--fit]
+usage: python -m benchmarks.fusion.calibration DATA [--replays DIR ...] [--share S]
+           [--kinds NAME ...] [--write]
+       python -m benchmarks.fusion.calibration --refit [--write]
 
-Judges true pairs of maps and pairs of different places of every kind that cases.py makes of the
-pairs, of maps that `somfusion replay` wrote, and of drawn maps. Prints, per kind, how many are
-accepted; the whole curve of accepts of true and of false pairs against the threshold; and a
-reliability table. With --fit it also learns the weights anew, judges each case by weights learned
-without its places, and prints the weights for somfusion_ros/fusion/verdict.py.
+DATA holds the folders pairs, pairs_mesh and pairs_floors. Judges true pairs of maps and pairs of
+different places of every kind that cases.py makes of them, of maps that `somfusion replay` wrote,
+and of drawn maps; learns the weights of the verdict anew; judges each case by weights learned
+without its places; and prints, per kind and per threshold, how many are accepted. With --write
+the table of measures of all cases, the weights that the package uses, with what they reach, and
+the reliability diagram of doc/fusion.md are written anew; --refit does so from the table alone.
 """
 
 import argparse
-from collections import defaultdict
-from dataclasses import dataclass
-from itertools import pairwise
+import hashlib
+import json
 from pathlib import Path
-import pickle
+import subprocess
 import sys
 
+from benchmarks.data.folders import pair_sets, ROOT
 from benchmarks.data.real_maps import RealMaps
 from benchmarks.fusion import cases
-from benchmarks.tables import Table
+from benchmarks.fusion.verdict_fit import (fit, left_out, log_odds, read_samples, Sample, TABLE,
+                                           write_samples)
+from benchmarks.fusion.verdict_tables import (calibration_errors, draw_reliability, kinds_table,
+                                              thresholds_table)
 import cv2
 import numpy as np
-from scipy.optimize import minimize
 from somfusion_ros.fusion import verdict as verdicts
-from somfusion_ros.fusion.alignment import ALIGNMENT
+from somfusion_ros.fusion.alignment import ALIGNMENT, may_be_image, verify_image
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.search import search
@@ -36,52 +40,39 @@ from somfusion_ros.fusion.stopwatch import Stopwatch
 from somfusion_ros.fusion.verification import verify
 from somfusion_ros.geometry import Array, inverse
 
-TESTS = (verdicts.AGREEMENT, verdicts.DISTINCTION, verdicts.PLACES)
-NAMES = [name for test in TESTS for name in test]
-THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-SEVERE = 6.0     # a false accept counts as so many refusals
-TEAM = 30.0      # and so many does a refused team of real robots, of which there are few
-
-
-@dataclass
-class Sample:
-    """What the verdict saw of a case, whether its best pose was right, its probability."""
-
-    kind: str
-    number: int
-    places: set[str]
-    true: bool
-    measures: Array
-    right: bool
-    probability: float
-    reason: str
+WEIGHTS = ROOT / 'somfusion_ros' / 'fusion' / verdicts.WEIGHTS_FILE
+DIAGRAM = ROOT / 'doc' / 'verdict_reliability.png'
+IN_DOUBT = 0.05     # probability from which the mirror image is looked at
 
 
 def look(kind: str, number: int, case: cases.Case) -> Sample | None:
     """Run the search and the verdict on a case; None where a map shows too little."""
     config = FusionConfig()
     maps = learn(case.target, config), learn(case.source, config)
-    if min(len(one.features) for one in maps) < ALIGNMENT.fewest_features:
+    if min(len(one.features) for one in maps) < ALIGNMENT.fewest_features or not all(
+            len(one.free) for one in maps):
         return None
     swapped = len(maps[0].cells) < len(maps[1].cells)
     target, source = maps[::-1] if swapped else maps
-    verdict, poses, _, evidence, _ = verify(*search(target, source, config, Stopwatch()), target,
-                                            source, config)
-    pose = inverse(poses[verdict.best]) if swapped else poses[verdict.best]
-    found = verdicts.measures(evidence, verdict.margins)
-    return Sample(kind, number, case.places, case.truth is not None,
-                  np.array([found[name] for name in NAMES]), case.is_right(pose),
-                  verdict.probability, verdict.reason)
+    found = verify(*search(target, source, config, Stopwatch()), target, source, config)
+    verdict, image = found.verdict, 0.0
+    if verdict.probability > IN_DOUBT and may_be_image(found):
+        other = verify_image(target, source, config)
+        image = verdicts.image_times(found.evidence, other.verdict, other.evidence)
+    pose = inverse(found.poses[verdict.best]) if swapped else found.poses[verdict.best]
+    return Sample(kind, number, case.places, case.truth is not None, case.is_right(pose), image,
+                  found.evidence, verdict.margins)
 
 
 def collect(maps: RealMaps, share: float, kinds: list[str] | None) -> list[Sample]:
-    """Judge a share of the cases of every kind, or of some."""
+    """Judge a share of the cases of every kind, or of some; all of the real ones."""
     samples = []
     for kind, (_, count) in cases.KINDS.items():
         if kinds and kind not in kinds:
             continue
-        wanted = np.linspace(0, count - 1, max(1, round(count * share)), dtype=int)
-        for number in np.unique(wanted):
+        whole = kind in cases.REAL
+        wanted = np.linspace(0, count - 1, count if whole else max(1, round(count * share)))
+        for number in np.unique(wanted.astype(int)):
             case = cases.make(kind, maps, int(number))
             sample = look(kind, int(number), case) if case else None
             if sample:
@@ -90,129 +81,74 @@ def collect(maps: RealMaps, share: float, kinds: list[str] | None) -> list[Sampl
     return samples
 
 
-def log_odds(weights: Array, x: Array) -> Array:
-    """Soft minimum of the tests, (N,), for measures (N, M)."""
-    ends = np.cumsum([0] + [len(test) for test in TESTS])
-    tests = [x[:, a:b] @ weights[a:b] for a, b in pairwise(ends)]
-    return -np.logaddexp.reduce(np.negative(tests))
+def digest(data: Path) -> str:
+    """Return a digest of all pairs that were learned from."""
+    total = hashlib.sha256()
+    for folder in pair_sets(data):
+        for path in sorted(folder.iterdir()):
+            total.update(path.read_bytes())
+    return total.hexdigest()[:16]
 
 
-def fit(samples: list[Sample], starts: int = 3) -> Array:
-    """Weights (M,) of largest likelihood; only constants may be negative."""
-    x, y = np.array([s.measures for s in samples]), np.array([s.right for s in samples])
-    care = np.where(y, [TEAM if s.kind == 'team' else 1.0 for s in samples], SEVERE)
-    constant = np.array([name == 'constant' for name in NAMES])
-    ends = np.cumsum([0] + [len(test) for test in TESTS])
-
-    def loss(weights: Array) -> tuple[float, Array]:
-        tests = np.array([x[:, a:b] @ weights[a:b] for a, b in pairwise(ends)])
-        z = -np.logaddexp.reduce(-tests)
-        slope = care * (1.0 / (1.0 + np.exp(-np.clip(z, -30.0, 30.0))) - y) * np.exp(z - tests)
-        gradient = np.concatenate([part @ x[:, a:b] for part, (a, b) in zip(
-            slope, pairwise(ends), strict=True)])
-        small = 0.03 * np.where(constant, 0.0, weights)
-        return (float((care * np.logaddexp(0.0, np.where(y, -z, z))).sum() + small @ weights),
-                gradient + 2.0 * small)
-    rng, bounds = np.random.default_rng(0), [(None if c else 0.0, None) for c in constant]
-    found = [minimize(loss, np.where(constant, rng.uniform(-3, 3, len(NAMES)),
-                                     rng.uniform(0.3, 3, len(NAMES))), jac=True, bounds=bounds,
-                      method='L-BFGS-B', options={'maxiter': 2000}) for _ in range(starts)]
-    return min(found, key=lambda result: result.fun).x
+def commit() -> str:
+    """Return the commit of the code."""
+    return subprocess.run(['git', 'rev-parse', '--short', 'HEAD'], cwd=ROOT, check=True,
+                          capture_output=True, text=True).stdout.strip()
 
 
-def left_out(samples: list[Sample]) -> Array:
-    """Probabilities (N,) of each sample by weights learned without its places."""
-    chance = np.zeros(len(samples))
-    for place in sorted(set.union(*(sample.places for sample in samples))):
-        held = np.array([place in sample.places for sample in samples])
-        weights = fit([s for s, out in zip(samples, held, strict=True) if not out], 2)
-        z = log_odds(weights, np.array([s.measures for s in samples])[held])
-        chance[held] = np.maximum(chance[held], 1.0 / (1.0 + np.exp(-z)))
-    return chance
+def judged(samples: list[Sample]) -> tuple[dict[str, dict[str, float]], dict[str, Array]]:
+    """Learn the weights; return them, and the probabilities (N,) by them and by left out ones."""
+    weights = fit(samples)
+    return weights, {'learned from all': verdicts.chance_of(log_odds(weights, samples)),
+                     'places left out in turn': left_out(samples)}
 
 
-def probabilities(samples: list[Sample]) -> Array:
-    """Return what the verdict said of each sample, (N,)."""
-    return np.array([sample.probability for sample in samples])
-
-
-def kinds_table(samples: list[Sample], chance: Array) -> Table:
-    """Return how many of each kind are right and accepted; chance: their probabilities (N,)."""
-    kinds = defaultdict(list)
-    for sample, p in zip(samples, chance, strict=True):
-        kinds[not sample.true, sample.kind].append((p, sample.right))
+def report(samples: list[Sample], data: str, command: str, write: bool) -> None:
+    """Learn the weights, print what they reach, and write all that if asked."""
+    weights, chances = judged(samples)
+    kinds, thresholds = kinds_table(samples, *chances.values()), thresholds_table(samples, chances)
+    print(kinds.markdown(), thresholds.markdown(), sep='\n\n')
     enough = FusionConfig().estimation_confidence
-    table = Table('kinds', ('kind of pair', 'cases', 'best pose right',
-                            f'right and accepted at {enough:.2f}', 'accepted wrong',
-                            'highest probability of a wrong one'), (None, 0, 3, 3, 0, 3))
-    for (_, kind), values in sorted(kinds.items()):
-        p, right = np.array([v[0] for v in values]), np.array([v[1] for v in values])
-        table.add(kind, len(p), right.mean(), (right & (p >= enough)).mean(),
-                  int((~right & (p >= enough)).sum()), max(p[~right], default=0.0))
-    return table
-
-
-def thresholds_table(samples: list[Sample], chance: Array) -> Table:
-    """Return how many are accepted at which probability; chance: their probabilities (N,)."""
-    y, true = np.array([s.right for s in samples]), np.array([s.true for s in samples])
-    table = Table('thresholds', ('threshold', 'cases', *(f'{t:.2f}' for t in THRESHOLDS)))
-    for name, mask, of in (('true pairs, right pose', true & y, true),
-                           ('true pairs, wrong pose', true & ~y, true),
-                           ('different places', ~true, ~true)):
-        table.add(name, int(of.sum()), *(int((chance[mask] >= t).sum()) for t in THRESHOLDS))
-    return table
-
-
-def reliability_table(chance: Array, right: Array) -> Table:
-    """Return how often a probability is right; the last row is the expected calibration error."""
-    table, error = Table('reliability', ('probability', 'cases', 'mean', 'right'),
-                         (None, 0, 2, 2)), 0.0
-    for low in np.arange(0.0, 1.0, 0.1):
-        inside = (chance >= low) & (chance < low + 0.1 if low < 0.85 else chance <= 1.0)
-        if inside.any():
-            error += inside.mean() * abs(chance[inside].mean() - right[inside].mean())
-            table.add(f'{low:.1f} to {low + 0.1:.1f}', int(inside.sum()), chance[inside].mean(),
-                      right[inside].mean())
-    table.add('expected error', len(chance), f'{error:.3f}', '')
-    return table
-
-
-def print_tables(samples: list[Sample], chance: Array) -> None:
-    """Print accepted cases by kind, the curve over thresholds, and the reliability."""
-    right = np.array([sample.right for sample in samples])
-    print(kinds_table(samples, chance).markdown(), thresholds_table(samples, chance).markdown(),
-          reliability_table(chance, right).markdown(), sep='\n\n', end='\n\n')
+    for sample, chance in zip(samples, chances['places left out in turn'], strict=True):
+        if chance >= enough and not sample.right:
+            print(f'wrongly accepted without its place: {sample.kind} {sample.number} '
+                  f'at {chance:.3f}', file=sys.stderr)
+    if not write:
+        return
+    errors = calibration_errors(samples, chances['places left out in turn'])
+    record = {'command': command, 'commit': commit(), 'data': data,
+              'true cases': sum(s.true for s in samples),
+              'false cases': sum(not s.true for s in samples), 'weights': weights,
+              'calibration error, places left out': errors,
+              'kinds': [kinds.columns, *kinds.rows],
+              'accepted at': [thresholds.columns, *thresholds.rows]}
+    WEIGHTS.write_text(json.dumps(record, indent=1) + '\n', encoding='utf-8')
+    draw_reliability(DIAGRAM, chances, np.array([sample.right for sample in samples]))
 
 
 def main() -> None:
-    """Collect, print, and fit if asked."""
+    """Collect or read the cases, and report."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('pairs', type=Path)
+    parser.add_argument('data', type=Path, nargs='?')
     parser.add_argument('--replays', type=Path, nargs='*', default=[],
                         help='folders that somfusion replay wrote')
-    parser.add_argument('--share', type=float, default=1.0, help='share of the cases')
+    parser.add_argument('--share', type=float, default=1.0, help='share of the drawn cases')
     parser.add_argument('--kinds', nargs='*', help='only these')
-    parser.add_argument('--keep', type=Path, help='file to keep the samples in, or to take them')
-    parser.add_argument('--fit', action='store_true')
+    parser.add_argument('--refit', action='store_true', help='read the cases from the table')
+    parser.add_argument('--write', action='store_true')
     args = parser.parse_args()
+    if not args.refit and not args.data:
+        parser.error('name the data, or --refit')
     cv2.setNumThreads(1)
-    if args.keep and args.keep.exists():
-        samples = pickle.loads(args.keep.read_bytes())
-    else:
-        samples = collect(RealMaps(args.pairs, args.replays), args.share, args.kinds)
-        if args.keep:
-            args.keep.write_bytes(pickle.dumps(samples))
-    print_tables(samples, probabilities(samples))
-    for sample in samples:
-        if sample.probability >= FusionConfig().estimation_confidence and not sample.right:
-            print(f'wrongly accepted: {sample.kind} {sample.number} at {sample.probability:.3f}, '
-                  f'{sample.reason}')
-    if args.fit:
-        print('learned anew, each place left out in turn:')
-        print_tables(samples, left_out(samples))
-        for name, weight in zip(NAMES, fit(samples), strict=True):
-            print(f'{name:15} {weight:8.3f}')
+    if args.refit:
+        old = json.loads(WEIGHTS.read_text(encoding='utf-8'))
+        report(read_samples(TABLE), old['data'], old['command'], args.write)
+        return
+    samples = collect(RealMaps(args.data / 'pairs', args.replays), args.share, args.kinds)
+    if args.write:
+        write_samples(TABLE, samples)
+    report(samples, digest(args.data), 'make calibrate', args.write)
 
 
 if __name__ == '__main__':

@@ -23,7 +23,7 @@ from benchmarks.scores.pairs import PairScore, score_pair, summary
 from benchmarks.tables import Table
 import cv2
 import numpy as np
-from somfusion_ros.fusion import measures, orientation, rasters, translation, voting
+from somfusion_ros.fusion import measures, orientation, rasters, scoring, translation, voting
 from somfusion_ros.fusion.alignment import align
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
@@ -117,7 +117,7 @@ def rescored(pair: Pair) -> Found:
     """Settle all seeds point to line, and let matched wall against missed wall choose."""
     target, source = pair.learned
     poses, _ = translation.settle(voted(pair), source.sketch, target.features, target.nearest)
-    score = measures.scores(poses, target, source)
+    score = scoring.scores(poses, target, source)
     best = poses[score.argmax()]
     evidence, = measures.measure(best[None], target, source)
     return best, bool(evidence.V >= PUBLISHED_V)

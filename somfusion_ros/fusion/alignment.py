@@ -3,20 +3,25 @@
 """Two maps in, their relative pose with a verdict out: the paper's pipeline in order."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from somfusion_ros.fusion import measures, orientation, rasters, refinement, translation
 from somfusion_ros.fusion import verdict as verdicts
+from somfusion_ros.fusion.answer import Alignment as Alignment
+from somfusion_ros.fusion.answer import named, turned_round
+from somfusion_ros.fusion.answer import RunnerUp as RunnerUp
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn, LEARNING
+from somfusion_ros.fusion.lookout import lookout
 from somfusion_ros.fusion.map_trace import map_trace, MapTrace
+from somfusion_ros.fusion.mirror import mirror
 from somfusion_ros.fusion.search import search
 from somfusion_ros.fusion.stopwatch import Stopwatch
-from somfusion_ros.fusion.verification import verify
+from somfusion_ros.fusion.verification import Verified, verify
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
@@ -28,61 +33,18 @@ class AlignmentSettings:
 
     fewest_features: int = tuned(
         8, 'clusters', 'a map of fewer that have a normal cannot be matched', 'by design')
+    exact: float = tuned(
+        0.75, 'share', 'of wall that coincides to a cell from which a clear hypothesis is not '
+        'held against its mirror image; at most 0.68 in mirrored buildings', 'doc/fusion.md')
+    bent_from: float = tuned(
+        0.1, 'm', 'strain from which a pose is that of all matched walls, not of the part that '
+        'fits best', 'doc/fusion.md: pairs_mesh')
     published_v: float = tuned(
         0.9, 'share', 'V (12) from which the published method trusts its only hypothesis',
         'benchmarks/fusion/stages.py')
 
 
 ALIGNMENT = AlignmentSettings()
-
-
-@dataclass(frozen=True)
-class RunnerUp:
-    """The best rival of an alignment that lies at a clearly different pose."""
-
-    T_target_source: Pose
-    probability: float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Alignment:
-    """
-    The verdict on one pair of maps.
-
-    Attributes
-    ----------
-    accepted : bool
-        Whether the pose is to be used: `probability` reaches `estimation_confidence`.
-    probability : float
-        Chance that the pose is right, 0..1.
-    reason : str
-        One sentence with the numbers that decided.
-    T_target_source : Pose or None
-        Best pose found of the source map in the target map (m, m, rad), also when refused.
-    covariance : (3, 3) array
-        Of the pose (m, m, rad) in the target's frame.
-    verification_index : float
-        V of the paper's equation (12) [%].
-    performance_index : tuple of float
-        J of equation (10) after each iteration [m].
-    overlap : float
-        Share of the smaller map that lies on the other one, 0..1.
-    runner_up : RunnerUp or None
-        The best rival.
-    seconds : dict of str to float
-        Time per stage [s].
-    """
-
-    accepted: bool
-    probability: float
-    reason: str
-    T_target_source: Pose | None = None
-    covariance: Array = field(default_factory=lambda: np.full((3, 3), np.inf))
-    verification_index: float = 0.0
-    performance_index: tuple[float, ...] = ()
-    overlap: float = 0.0
-    runner_up: RunnerUp | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -159,20 +121,51 @@ def _align_grids(target: Grid, source: Grid, config: FusionConfig,
                              'places)')
     method = _align_as_published if config.method == 'paper' else _align
     if _rank(target, maps[0]) >= _rank(source, maps[1]):
-        return method(*maps, config, stopwatch)
-    return _turned_round(method(*maps[::-1], config, stopwatch))
+        return named(method(*maps, config, stopwatch))
+    return named(turned_round(method(*maps[::-1], config, stopwatch)))
 
 
 def _align(target: LearnedMap, source: LearnedMap, config: FusionConfig,
            stopwatch: Stopwatch) -> Alignment:
     """Take every stage in order, with many hypotheses at once."""
     poses, J = search(target, source, config, stopwatch)
-    verdict, poses, J, evidence, warp = verify(poses, J, target, source, config)
+    found = verify(poses, J, target, source, config)
     stopwatch.lap('verification')
-    pose, covariance = refinement.refine(poses[verdict.best], target, source)
-    covariance = refinement.widen(covariance, pose, source, warp)
+    verdict = found.verdict
+    if verdict.accepted and may_be_image(found):
+        image = verify_image(target, source, config)
+        verdict = verdicts.beside_image(verdict, found.evidence, image.verdict, image.evidence)
+        stopwatch.lap('mirror image')
+    best = verdict.best
+    pose, covariance = refinement.refine(found.poses[best], target, source)
+    if found.evidence.strain > ALIGNMENT.bent_from:
+        pose = found.poses[best]
+    covariance = refinement.widen(covariance, pose, source, found.warp)
     stopwatch.lap('refinement')
-    return _report(pose, covariance, verdict, evidence, J[:, verdict.best], poses, stopwatch)
+    answer = _report(pose, covariance, verdict, found.evidence, found.J[:, best], found.poses,
+                     stopwatch)
+    return _with_lookouts(answer, target, source) if verdict.ambiguous else answer
+
+
+def _with_lookouts(answer: Alignment, target: LearnedMap, source: LearnedMap) -> Alignment:
+    """Add the places that tell the two candidates of an ambiguous answer apart."""
+    if answer.T_target_source is None or answer.runner_up is None:
+        return answer
+    first, second = (np.array(pose) for pose in (
+        answer.T_target_source, answer.runner_up.T_target_source))
+    return replace(answer, lookout_target=lookout(target, source, first, second),
+                   lookout_source=lookout(source, target, inverse(first), inverse(second)))
+
+
+def may_be_image(found: Verified) -> bool:
+    """Tell whether the mirror image is worth a look: not where all fits to a cell."""
+    return not found.verdict.is_clear or found.evidence.fine_ratio < ALIGNMENT.exact
+
+
+def verify_image(target: LearnedMap, source: LearnedMap, config: FusionConfig) -> Verified:
+    """Judge the best pose of the mirror image of the source map."""
+    image = mirror(source)
+    return verify(*search(target, image, config, Stopwatch()), target, image, config)
 
 
 def _align_as_published(target: LearnedMap, source: LearnedMap, config: FusionConfig,
@@ -220,17 +213,3 @@ def _report(pose: Array, covariance: Array, verdict: verdicts.Verdict,
 def _rank(grid: Grid, one: LearnedMap) -> tuple[int, tuple[int, int], bytes]:
     """Order two maps by what they show, whichever is called the target."""
     return len(one.cells), grid.shape, one.cells[:100].tobytes()
-
-
-def _turned_round(answer: Alignment) -> Alignment:
-    """Return the same answer for target and source exchanged."""
-    T = answer.T_target_source
-    c, s = np.cos(T.theta), np.sin(T.theta)
-    # d inverse(T) / dT: the covariance follows the pose into the other frame.
-    back = inverse(T)
-    J = np.array([[-c, -s, back[1]], [s, -c, -back[0]], [0.0, 0.0, -1.0]])
-    rival = answer.runner_up
-    if rival is not None:
-        rival = replace(rival, T_target_source=Pose(*inverse(rival.T_target_source)))
-    return replace(answer, T_target_source=Pose(*back), runner_up=rival,
-                   covariance=J @ answer.covariance @ J.T)

@@ -4,6 +4,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 from somfusion_ros.fusion.clusters import Clusters, Index
 from somfusion_ros.fusion.rasters import Raster
 from somfusion_ros.geometry import Array
@@ -29,10 +30,12 @@ class LearnedMap:
 
     cells (N, 2) occupied cells' centres [m] with segment (N,) and winner (N,) each; clusters, all
     neurons; surfaces between them; features: the clusters that have a normal; sketch: the few
-    hundred best of them; zones: whether a place is wall, near one, known to be free
-    (rasters.zones); nearest: index of the nearest feature, -1 for none; likelihood: field of the
-    walls, 0..255; probes (P, 2): an even sample of the wall cells [m], each for `probe_length` of
-    wall [m]; free (F, 2): an even sample of free places [m]; histogram (360,) of normals;
+    hundred best of them; structure (K,) 0..1, how much each feature is part of a long straight
+    wall; zones: whether a place is wall, near one, known to be free (rasters.zones); clearance:
+    how far the nearest place is that is not known to be free (rasters.clearance); nearest: index
+    of the nearest feature, -1 for none; likelihood: field of the walls, 0..255; probes (P, 2): an
+    even sample of the wall cells [m], each for `probe_length` of wall [m]; free (F, 2): an even
+    sample of free places [m], each for `free_share` of area [m2]; histogram (360,) of normals;
     spectrum: Radon sharpness of half a turn; resolution of the grid [m].
     """
 
@@ -43,12 +46,15 @@ class LearnedMap:
     surfaces: Surfaces
     features: Clusters
     sketch: Clusters
+    structure: Array
     zones: Raster
+    clearance: Raster
     nearest: Raster
     likelihood: Raster
     probes: Array
     probe_length: float
     free: Array
+    free_share: float
     histogram: Array
     spectrum: Array
     resolution: float
@@ -56,4 +62,4 @@ class LearnedMap:
     @property
     def pivot(self) -> Array:
         """Middle (2,) of the features [m], where poses are compared."""
-        return self.features.centres.mean(0)
+        return np.asarray(self.features.centres.mean(0))

@@ -11,6 +11,7 @@ from somfusion_ros.fusion.clusters import Clusters, Index
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap, Surfaces
 from somfusion_ros.fusion.rasters import Raster
+from somfusion_ros.fusion.structure import structure
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
@@ -70,10 +71,11 @@ def recall(clusters: Clusters, resolution: float) -> LearnedMap:
     dark = Raster(np.zeros((1, 1), np.uint8), 1.0, Pose(), 0)
     return LearnedMap(
         cells=clusters.centres, segments=clusters.segments, winners=np.arange(len(clusters)),
-        clusters=clusters, surfaces=surfaces, features=features, sketch=sketch, zones=dark,
+        clusters=clusters, surfaces=surfaces, features=features, sketch=sketch,
+        structure=np.zeros(len(features)), zones=dark, clearance=dark,
         nearest=_nearest(features), likelihood=dark, probes=np.empty((0, 2)), probe_length=0.0,
-        free=np.empty((0, 2)), histogram=_histogram(surfaces), spectrum=_spectrum(features),
-        resolution=resolution)
+        free=np.empty((0, 2)), free_share=0.0, histogram=histogram(surfaces),
+        spectrum=spectrum(features), resolution=resolution)
 
 
 def _learn(grid: Grid, config: FusionConfig, cache: FusionCache) -> LearnedMap:
@@ -88,15 +90,19 @@ def _learn(grid: Grid, config: FusionConfig, cache: FusionCache) -> LearnedMap:
     features, sketch = _features(clusters)
     if len(features) == 0:
         return _empty(grid, points, segments, chains[3], clusters)
-    zones = rasters.zones(grid, cells, LEARNING.cell)
+    zones, nearest = rasters.zones(grid, cells, LEARNING.cell), _nearest(features)
+    free = rasters.free_places(zones, LEARNING.free_places)
+    area = np.count_nonzero(zones.values & rasters.FREE) * zones.resolution ** 2
     every = -(-len(points) // LEARNING.probes)
     return LearnedMap(
         cells=points, segments=segments, winners=chains[3], clusters=clusters, surfaces=surfaces,
-        features=features, sketch=sketch, zones=zones, nearest=_nearest(features),
+        features=features, sketch=sketch,
+        structure=structure(features, nearest, config.cluster_spacing), zones=zones,
+        clearance=rasters.clearance(zones), nearest=nearest,
         likelihood=rasters.likelihood(points, max(grid.resolution, LEARNING.fine_cell)),
         probes=points[::every], probe_length=every * grid.resolution,
-        free=rasters.free_places(zones, LEARNING.free_places), histogram=_histogram(surfaces),
-        spectrum=_spectrum(features), resolution=grid.resolution)
+        free=free, free_share=area / max(len(free), 1), histogram=histogram(surfaces),
+        spectrum=spectrum(features), resolution=grid.resolution)
 
 
 def _segments(grid: Grid, config: FusionConfig) -> tuple[Index, Index]:
@@ -139,12 +145,12 @@ def _nearest(features: Clusters) -> Raster:
     return rasters.nearby(features.centres, 2.0 * LEARNING.cell, LEARNING.reach)
 
 
-def _histogram(surfaces: Surfaces) -> Array:
+def histogram(surfaces: Surfaces) -> Array:
     """Count the surfaces' normals by direction."""
     return orientation.histogram(surfaces.normals, surfaces.lengths, surfaces.sided)
 
 
-def _spectrum(features: Clusters) -> Array:
+def spectrum(features: Clusters) -> Array:
     """Find how sharply the best walls project onto the lines of every direction."""
     walls = features.take(_best(features)[:LEARNING.radon])
     return orientation.spectrum(orientation.radon(
@@ -160,7 +166,8 @@ def _empty(grid: Grid, points: Array | None = None, segments: Index | None = Non
         cells=none if points is None else points, segments=index if segments is None else segments,
         winners=index if winner is None else winner, clusters=clusters or Clusters.none(),
         surfaces=Surfaces(normals=none, lengths=np.empty(0), sided=np.empty(0)),
-        features=Clusters.none(), sketch=Clusters.none(), zones=dark, nearest=dark,
-        likelihood=dark, probes=none, probe_length=0.0, free=none,
+        features=Clusters.none(), sketch=Clusters.none(), structure=np.empty(0), zones=dark,
+        clearance=dark, nearest=dark, likelihood=dark, probes=none, probe_length=0.0, free=none,
+        free_share=0.0,
         histogram=np.zeros(orientation.BINS), spectrum=np.zeros(len(orientation.directions())),
         resolution=grid.resolution)

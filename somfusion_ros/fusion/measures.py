@@ -15,14 +15,40 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.fusion.cluster_matching import match_at
-from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.learned_map import LearnedMap
-from somfusion_ros.fusion.rasters import FREE, NEAR, TOLERANCE, WALL
+from somfusion_ros.fusion.rasters import CLEARANCE_STEP, FREE, NEAR, RASTERS, WALL
+from somfusion_ros.fusion.scoring import tally, tally_cells
 from somfusion_ros.fusion.warp import Warp
-from somfusion_ros.geometry import Array, inverse, place, rotation, wrap
+from somfusion_ros.geometry import Array, inverse, place, rotation
+from somfusion_ros.settings import tuned
 
-ANGLE = np.radians(25.0)
-PLACE = 0.8            # evidence that one place can give at most [m]
+
+@dataclass(frozen=True)
+class MeasureSettings:
+    """Numbers that the measures of a hypothesis were tuned with."""
+
+    angle: float = tuned(
+        25.0, 'deg', 'most between the normals of two clusters that are the same wall',
+        'by design')
+    reach: float = tuned(
+        0.8, 'm', 'furthest that the cluster of the same wall may lie along it: two clusters',
+        'by design')
+    place: float = tuned(
+        0.8, 'm', 'evidence that one place can give at most: two end walls may meet by chance, '
+        'many doors do not', 'benchmarks/fusion/calibration.py: corridors')
+    movable: float = tuned(
+        0.1, 'share', 'that short pieces count where they contradict along the weakest direction',
+        'doc/fusion.md: pairs_floors')
+    clear: float = tuned(
+        0.5, 'm', 'known free space all around, in which a straight wall is a contradiction: more '
+        'than a bend leaves between two true maps', 'doc/fusion.md: pairs_mesh')
+    drift: float = tuned(
+        0.1, 'm/m', 'more of it for every metre from the walls that hold the maps together: six '
+        'degrees of turn; with half of it years are nearer to storeys', 'doc/fusion.md')
+    held_every: int = tuned(3, 'clusters', 'of those walls one is looked at', 'by design')
+
+
+MEASURES = MeasureSettings()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +60,10 @@ class Evidence:
     mean of both maps [m]; fine, fine_against: the same of the cells, on the likelihood field;
     overlap: share of the smaller map's free area that the other map knows; weak, weak_against:
     wall of distinct places that speaks for and against along the direction with the least
-    evidence [m], which `axis` (2,) is, in the target's frame; V of (12) [0..1].
+    evidence [m], which `axis` (2,) is, in the target's frame; V of (12) [0..1]; solid,
+    solid_against: straight wall that coincides, and that the other map saw free from all sides,
+    mean of both maps [m]; common: area that both saw free [m2]; strain: root mean square of the
+    displacements that a rigid pose leaves [m], and scale of the source to the target, less one.
     """
 
     matched: float
@@ -46,6 +75,11 @@ class Evidence:
     weak_against: float
     V: float
     axis: Array
+    solid: float = 0.0
+    solid_against: float = 0.0
+    common: float = 0.0
+    strain: float = 0.0
+    scale: float = 0.0
 
     @property
     def ratio(self) -> float:
@@ -65,7 +99,7 @@ class Evidence:
     @property
     def weak_score(self) -> float:
         """Ratio times the root of the length, along the direction with the least evidence."""
-        return self.weak_ratio * np.sqrt(self.weak)
+        return float(self.weak_ratio * np.sqrt(self.weak))
 
     @property
     def score(self) -> float:
@@ -74,60 +108,7 @@ class Evidence:
 
         Of the cells: the clusters of two corridors of equal width coincide, their doors do not.
         """
-        return self.fine_ratio ** 2 * np.sqrt(self.fine)
-
-
-def scores(poses: Array, target: LearnedMap, source: LearnedMap, every: int = 1) -> Array:
-    """Score (B,) of hypotheses (B, 3) as `Evidence.score`, from every n-th cluster of both."""
-    total = np.zeros((2, len(poses)))
-    for way, seen, by in ((poses, source, target), (inverse(poses), target, source)):
-        clusters = seen.clusters.take(np.s_[::every])
-        total += tally(by.zones.at(place(way, clusters.centres)), clusters)
-    matched, against = total * every / 2.0
-    return matched / (matched + against + 1.0) * np.sqrt(matched)
-
-
-def tally(zones: NDArray[np.uint8], clusters: Clusters) -> Array:
-    """Length (2, B) [m] of wall in zones (B, K) near a wall, and in free ones away from walls."""
-    weights = clusters.weights.astype(np.float32)
-    return np.stack([((zones & NEAR) == NEAR) @ weights, (zones == FREE) @ weights])
-
-
-def fine(poses: Array, target: LearnedMap, source: LearnedMap) -> Array:
-    """
-    Wall cells of both maps on the other's likelihood field, for hypotheses (B, 3).
-
-    Returns
-    -------
-    (2, B) wall that coincides within a cell or two, and wall on what the other saw as free, mean
-    of both maps [m]
-    """
-    total = np.zeros((2, len(poses)))
-    for way, seen, by in ((poses, source, target), (inverse(poses), target, source)):
-        at = place(way, seen.probes)
-        total += _tally_cells(by.likelihood.at(at), by.zones.at(at), seen)
-    return total / 2.0
-
-
-def _tally_cells(likelihood: NDArray[np.uint8], zones: NDArray[np.uint8],
-                 seen: LearnedMap) -> Array:
-    """Length (2, B) [m] of wall cells (B, P) on a wall, and on what is known to be free."""
-    against = np.where(zones & FREE, 255 - likelihood, 0)
-    sums = [part.sum(1, dtype=np.int64) for part in (likelihood, against)]
-    return np.stack(sums) * (seen.probe_length / 255.0)
-
-
-def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
-    """Best `count` of hypotheses (B, 3) that differ by 0.5 m at pivot (2,) or 6 degrees."""
-    poses = poses[np.argsort(-score, kind='stable')]
-    spot = place(poses, pivot[None])[:, :, 0].T
-    away = np.hypot(*(spot[:, None] - spot).transpose(2, 0, 1))
-    same = (away < 0.5) & (np.abs(wrap(poses[:, None, 2] - poses[:, 2])) < 0.1)
-    kept: list[int] = []
-    for i, near in enumerate(same):
-        if not near[kept].any():
-            kept.append(i)
-    return poses[kept[:count]]
+        return float(self.fine_ratio ** 2 * np.sqrt(self.fine))
 
 
 def measure(poses: Array, target: LearnedMap, source: LearnedMap,
@@ -136,17 +117,21 @@ def measure(poses: Array, target: LearnedMap, source: LearnedMap,
     lay = Overlay(np.asarray(poses, dtype=float), warp)
     ways = [_Way(source, target, lay.forth, lay.poses[:, 2]),
             _Way(target, source, lay.back, -lay.poses[:, 2])]
-    matched, against = sum(way.lengths() for way in ways) / 2.0
-    near, far = sum(way.cells() for way in ways) / 2.0
+    there, back = ways
+    matched, against = (there.lengths() + back.lengths()) / 2.0
+    near, far = (there.cells() + back.cells()) / 2.0
     R = rotation(lay.poses[:, 2])
     info = ways[0].information(), ways[1].information()
     axis = np.linalg.eigh(R @ info[0] @ np.swapaxes(R, 1, 2) + info[1])[1][:, :, 0]
     held, lost = (ways[0].places(np.einsum('bji,bj->bi', R, axis)) + ways[1].places(axis)) / 2.0
     shares, votes = zip(*(way.free_agreement() for way in ways), strict=True)
     agree, differ = sum(votes)
+    solid = (there.solid() + back.solid()) / 2.0
     found = {'matched': matched, 'against': against, 'fine': near, 'fine_against': far,
              'overlap': np.max(shares, axis=0), 'weak': held, 'weak_against': lost,
-             'V': agree / np.maximum(agree + differ, 1.0), 'axis': axis}
+             'V': agree / np.maximum(agree + differ, 1.0), 'axis': axis,
+             'solid': solid[0], 'solid_against': solid[1],
+             'common': np.mean([way.common_area() for way in ways], axis=0)}
     return [Evidence(**dict(zip(found, row, strict=True)))
             for row in zip(*found.values(), strict=True)]
 
@@ -180,13 +165,15 @@ class _Way:
         parts = seen.features.centres, seen.clusters.centres, seen.probes, seen.free
         ends = np.cumsum([len(part) for part in parts])
         at = lay(np.concatenate(parts))
-        off, self.clusters, self.probes, self.free = np.split(by.zones.at(at), ends[:-1], axis=1)
+        zones, self.clusters, self.probes, self.free = np.split(by.zones.at(at), ends[:-1], axis=1)
+        self.at = at[:, :, :ends[0]]
+        self.near, self.off = (zones & NEAR) > 0, (zones & (FREE | NEAR)) == FREE
+        self.clearance = by.clearance.at(self.at) * CLEARANCE_STEP
         self.likelihood = by.likelihood.at(at[:, :, ends[1]:ends[2]])
         self.weight = seen.features.weights * seen.features.straight
-        found = match_at(at[:, :, :ends[0]], turns, seen.features, by.features, by.nearest, ANGLE,
-                         0.8)
-        self.on = found.agrees & (np.abs(found.off) <= TOLERANCE)
-        self.off = off == FREE
+        found = match_at(self.at, turns, seen.features, by.features, by.nearest,
+                         np.radians(MEASURES.angle), MEASURES.reach)
+        self.on = found.agrees & (np.abs(found.off) <= RASTERS.tolerance)
 
     def lengths(self) -> Array:
         """Length (2, B) [m] of wall of the clusters on a wall, and on free space."""
@@ -194,30 +181,55 @@ class _Way:
 
     def cells(self) -> Array:
         """Length (2, B) [m] of wall of the cells on a wall, and on free space."""
-        return _tally_cells(self.likelihood, self.probes, self.seen)
+        return tally_cells(self.likelihood, self.probes, self.seen)
 
     def information(self) -> Array:
         """Sum (B, 2, 2) of w n n' over the matched features, in the frame of this map [m]."""
         normals = self.seen.features.normals
         outer = (normals[:, :, None] * normals[:, None]).reshape(-1, 4) * self.weight[:, None]
-        return (self.on @ outer).reshape(-1, 2, 2)
+        return np.reshape(self.on @ outer, (-1, 2, 2))
 
     def places(self, axis: Array) -> Array:
         """
         Evidence (2, B) along axes (B, 2) of this map's frame: matched, and against [m].
 
         Walls across an axis fix the place along it. What lies within one metre along the axis is
-        one place and counts up to `PLACE`: two end walls may meet by chance, many doors do not.
+        one place and counts up to `place`: two end walls may meet by chance, many doors do not.
+        Short pieces speak against with a share: they may be furniture.
         """
         clusters = self.seen.features
-        weight = self.weight * (axis @ clusters.normals.T) ** 2
+        across = (axis @ clusters.normals.T) ** 2
+        firm = MEASURES.movable + (1.0 - MEASURES.movable) * self.seen.structure
         bins = np.floor(axis @ clusters.centres.T).astype(np.intp)
         bins -= bins.min(initial=0)
         count = int(bins.max(initial=0)) + 1
         flat = (bins + count * np.arange(len(axis))[:, None]).ravel()
-        sums = [np.bincount(flat, (weight * which).ravel(), len(axis) * count)
-                for which in (self.on, self.off)]
-        return np.minimum(np.reshape(sums, (2, len(axis), count)), PLACE).sum(2)
+        sums = [np.bincount(flat, (across * which * weight).ravel(), len(axis) * count)
+                for which, weight in ((self.on, self.weight), (self.off, self.weight * firm))]
+        shares = np.reshape(sums, (2, len(axis), count))
+        return np.asarray(np.minimum(shares, MEASURES.place).sum(2))
+
+    def solid(self) -> Array:
+        """
+        Length (2, B) [m] of straight wall on a wall, and where all around is known to be free.
+
+        How far around grows with the distance from the walls that hold the maps together.
+        """
+        weight = self.seen.features.weights * self.seen.structure
+        against = (self.clearance > MEASURES.clear) & (weight > 0.0)
+        for row in np.flatnonzero(against.any(1)):
+            held = self.at[:, row, self.near[row] & (weight > 0.0)][:, ::MEASURES.held_every]
+            lost = np.flatnonzero(against[row])
+            if held.shape[1]:
+                away = self.at[:, row, lost, None] - held[:, None]
+                far = np.sqrt((away ** 2).sum(0).min(1))
+                against[row, lost] = self.clearance[row, lost] > (
+                    MEASURES.clear + MEASURES.drift * far)
+        return np.stack([self.near @ weight, against @ weight])
+
+    def common_area(self) -> Array:
+        """Area (B,) that both maps saw free [m2]."""
+        return np.asarray(np.count_nonzero(self.free & FREE, axis=1) * self.seen.free_share)
 
     def free_agreement(self) -> tuple[Array, Array]:
         """Share (B,) of free places that the other map knows; agreeing and not, (2, B)."""

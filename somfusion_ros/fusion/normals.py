@@ -8,15 +8,33 @@ average of the surface normals around the cluster, an end takes its only surface
 wall that is free decides the sign, where only one side is.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.fusion.rasters import Raster
 from somfusion_ros.geometry import Array
 from somfusion_ros.grid import Grid
+from somfusion_ros.settings import tuned
 
 Index = NDArray[np.intp]
-PROBES = (2, 3, 4, 5)   # cells from the wall at which its sides are looked at
-WALL_COUNTS = -0.2      # evidence that a wall beside the wall counts for, hardly less than unknown
+
+
+@dataclass(frozen=True)
+class NormalSettings:
+    """Numbers that the sign of the normals was tuned with."""
+
+    probes: tuple[int, ...] = tuned(
+        (2, 3, 4, 5), 'cells',
+        'from the wall at which its sides are looked at: beyond a thick wall',
+        'by design')
+    wall_counts: float = tuned(
+        -0.2, 'evidence',
+        'that a wall beside the wall counts for, hardly less than unknown',
+        'by design')
+
+
+NORMALS = NormalSettings()
 
 
 def surface_normals(centres: Array, edges: Index) -> tuple[Array, Array]:
@@ -56,10 +74,11 @@ def free_side(grid: Grid, points: Array, normals: Array) -> tuple[Array, Array]:
     -------
     (N, 2) normals and (N,) 0..1, how much freer that side is than the other
     """
-    steps = grid.resolution * np.array(PROBES + tuple(-probe for probe in PROBES), np.float32)
+    probes = np.array(NORMALS.probes, np.float32)
+    steps = np.float32(grid.resolution) * np.concatenate([probes, -probes])
     probed = points.T[:, None] + steps[:, None] * normals.T[:, None]
     raster = Raster(grid.evidence, grid.resolution, grid.T_frame_grid, 0.0)
-    evidence = raster.at(probed.astype(np.float32)).reshape(2, len(PROBES), len(points))
-    ahead, behind = np.maximum(evidence, WALL_COUNTS).mean(1)
+    evidence = raster.at(probed.astype(np.float32)).reshape(2, len(NORMALS.probes), len(points))
+    ahead, behind = np.maximum(evidence, NORMALS.wall_counts).mean(1)
     sign = np.where(ahead < behind, -1.0, 1.0)
     return normals * sign[:, None], np.clip(np.abs(ahead - behind), 0.0, 1.0)

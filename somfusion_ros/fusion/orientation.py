@@ -9,13 +9,31 @@ at 90, 180 and 270 degrees are kept as hypotheses too. The tuning compares how s
 of both maps project onto lines of every direction, which is finer than one degree.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
+from somfusion_ros.settings import tuned
 
 BINS = 360
-FINE = 2           # Radon directions per degree
-TUNING = 4.0       # furthest that the tuning may go from a histogram peak [deg]
+
+
+@dataclass(frozen=True)
+class OrientationSettings:
+    """Numbers that the orientation was tuned with."""
+
+    per_degree: int = tuned(
+        2, 'directions',
+        'of the Radon images in a degree',
+        'by design')
+    tuning: float = tuned(
+        4.0, 'deg',
+        'furthest that the tuning may go from a peak of the histogram',
+        'by design')
+
+
+ORIENTATION = OrientationSettings()
 
 
 def histogram(normals: Array, weights: Array, sided: Array, sigma: float = 2.0) -> Array:
@@ -42,14 +60,15 @@ def histogram(normals: Array, weights: Array, sided: Array, sigma: float = 2.0) 
 def correlate(target: Array, source: Array) -> Array:
     """Circular cross-correlation: [k] is the agreement when the source turns by k bins."""
     a, b = target - target.mean(), source - source.mean()
-    scale = np.linalg.norm(a) * np.linalg.norm(b)
+    scale = float(np.linalg.norm(a) * np.linalg.norm(b))
     product = np.fft.rfft(a) * np.conj(np.fft.rfft(b))
-    return np.fft.irfft(product, len(a)) / max(scale, 1e-12)
+    agreement: Array = np.fft.irfft(product, len(a)) / max(scale, 1e-12)
+    return agreement
 
 
 def peaks(correlation: Array, count: int, apart: int = 12) -> Array:
     """Highest `count` local maxima of a circular array, at least `apart` bins apart [rad]."""
-    rest, found = correlation.copy(), []
+    rest, found = correlation.copy(), list[float]()
     top = correlation.max()
     while len(found) < count:
         k = int(rest.argmax())
@@ -86,37 +105,38 @@ def radon(points: Array, weights: Array, directions: Array, cell: float) -> Arra
 
 def spectrum(image: Array) -> Array:
     """Sharpness of each projection, (D,): long walls seen edge-on make high peaks (5), (6)."""
-    return (image ** 2).sum(axis=1)
+    return np.asarray(np.einsum('do,do->d', image, image))
 
 
 def tune(coarse: Array, target: Array, source: Array) -> Array:
     """
     Move orientations (N,) [rad] to where the Radon spectra agree best nearby (7), (8).
 
-    The spectra span half a turn at `FINE` steps per degree.
+    The spectra span half a turn at `ORIENTATION.per_degree` steps per degree.
     """
     agreement = correlate(target, source)
     count = len(agreement)
-    reach = np.arange(-round(TUNING * FINE), round(TUNING * FINE) + 1)
-    tuned = []
+    fine = ORIENTATION.per_degree
+    reach = np.arange(-round(ORIENTATION.tuning * fine), round(ORIENTATION.tuning * fine) + 1)
+    found = []
     for angle in coarse:
-        near = (round(np.degrees(angle) * FINE) + reach) % count
+        near = (round(np.degrees(angle) * fine) + reach) % count
         # A mild pull keeps the histogram's word where the walls have no sharp direction.
-        score = agreement[near] - 0.02 * (reach / FINE) ** 2 / TUNING ** 2
+        score = agreement[near] - 0.02 * (reach / fine) ** 2 / ORIENTATION.tuning ** 2
         k = int(score.argmax())
         shift = _vertex(agreement, int(near[k])) - near[k] + reach[k]
-        tuned.append(np.radians((round(np.degrees(angle) * FINE) + shift) / FINE))
-    return np.asarray(tuned)
+        found.append(np.radians((round(np.degrees(angle) * fine) + shift) / fine))
+    return np.asarray(found)
 
 
 def directions() -> Array:
     """Directions [rad] of the Radon images: half a turn."""
-    return np.radians(np.arange(180 * FINE) / FINE)
+    return np.radians(np.arange(180 * ORIENTATION.per_degree) / ORIENTATION.per_degree)
 
 
 def families(angles: Array, apart: float = np.radians(3.0)) -> Array:
     """Angles modulo a quarter turn [rad] without repeats, best first: four hypotheses each."""
-    quarter, kept = np.pi / 2.0, []
+    quarter, kept = np.pi / 2.0, list[float]()
     for angle in angles % quarter:
         off = [abs((angle - other + quarter / 2.0) % quarter - quarter / 2.0) for other in kept]
         if not off or min(off) > apart:

@@ -11,14 +11,37 @@ from numpy.typing import NDArray
 from somfusion_ros.fusion.clusters import Index
 from somfusion_ros.geometry import apply, Array, inverse, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.settings import tuned
 
-FREE_FROM = 0.5     # mean evidence from which a block of cells counts as free
-BRIGHTEN = 2.5      # brings a straight wall of one cell back to full height after the blur
-TOLERANCE = 0.2     # a wall within this distance of another is the same [m]
 ROUNDING = 1e-6     # cells by which a distance may be off
-DENSE = 3           # times that cells are drawn from which `nearest` is faster
+CLEARANCE_STEP = 0.05    # of the values of `clearance` [m]
 NEAR, FREE, WALL = np.uint8(1), np.uint8(2), np.uint8(4)     # flags of zones
 WIDEST = 32767      # OpenCV looks up fewer places in a row, in rasters with fewer cells in a row
+
+
+@dataclass(frozen=True)
+class RasterSettings:
+    """Numbers that the rasters were tuned with."""
+
+    free_from: float = tuned(
+        0.5, 'evidence',
+        'mean from which a block of cells counts as free',
+        'by design')
+    brighten: float = tuned(
+        2.5, '',
+        'brings a straight wall of one cell back to full height after the blur',
+        'by design')
+    tolerance: float = tuned(
+        0.2, 'm',
+        'a wall within this distance of another is the same: what drift leaves',
+        'benchmarks/fusion/calibration.py')
+    dense: int = tuned(
+        3, 'times',
+        'that cells are drawn from which `nearest` is faster than `nearby`',
+        'benchmarks/fusion/growth.py')
+
+
+RASTERS = RasterSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +52,12 @@ class Raster:
     Every point beyond has the value `outside`.
     """
 
-    values: NDArray
+    values: Array
     resolution: float
     T_frame_raster: Pose
     outside: float
 
-    def at(self, points: NDArray[np.float32]) -> NDArray:
+    def at(self, points: NDArray[np.float32]) -> Array:
         """Values (...) at points (2, ...) [m] of the map frame."""
         c, s, across, up = self._to_cells
         x, y = points
@@ -73,12 +96,21 @@ def zones(grid: Grid, walls: Index, cell: float) -> Raster:
     if min(block.shape) < factor:
         block = grid.evidence
     mean = cv2.resize(block, (width, height), interpolation=cv2.INTER_AREA)
-    flags = (mean > FREE_FROM).view(np.uint8) * FREE
+    flags = (mean > RASTERS.free_from).view(np.uint8) * FREE
     row, column = np.minimum(walls // factor, (height - 1, width - 1)).T
     flags[row, column] = WALL
     size = grid.resolution * factor
-    near = cv2.dilate(flags & WALL, _disc(TOLERANCE / size)) // WALL * NEAR
+    around = cv2.dilate(flags & WALL, _disc(RASTERS.tolerance / size))
+    near = np.asarray(around // WALL * NEAR, np.uint8)
     return Raster(flags | near, size, grid.T_frame_grid, 0)
+
+
+def clearance(zones_of_map: Raster) -> Raster:
+    """Draw how far the nearest place is that is not known to be free, in CLEARANCE_STEP [m]."""
+    free = zones_of_map.values & FREE
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 3)
+    steps = np.minimum(distance * (zones_of_map.resolution / CLEARANCE_STEP), 255.0)
+    return Raster(steps.astype(np.uint8), zones_of_map.resolution, zones_of_map.T_frame_raster, 0)
 
 
 def likelihood(points: Array, cell: float) -> Raster:
@@ -93,7 +125,7 @@ def likelihood(points: Array, cell: float) -> Raster:
     image = np.zeros((height, width), np.uint8)
     image[y, x] = 255
     cv2.GaussianBlur(image, (5, 5), 1.0, dst=image)
-    cv2.convertScaleAbs(image, dst=image, alpha=BRIGHTEN)
+    cv2.convertScaleAbs(image, dst=image, alpha=RASTERS.brighten)
     return Raster(image, cell, Pose(float(low[0]), float(low[1]), 0.0), 0)
 
 
@@ -130,7 +162,7 @@ def nearby(points: Array, cell: float, reach: float) -> Raster:
     width, height = np.ceil((points.max(0) + reach - low) / cell).astype(int) + 1
     x, y = ((points - low) / cell).astype(np.intp).T
     row, column = np.nonzero(_disc(reach / cell))
-    if len(points) * len(row) > DENSE * width * height:
+    if len(points) * len(row) > RASTERS.dense * width * height:
         return nearest(points, cell, reach)
     owner = np.full((height, width), -1, np.float32)     # floats, which OpenCV can look up
     middle = row.max() // 2

@@ -8,17 +8,43 @@ clusters are pulled onto the lines through the other's, point to line, both ways
 map is preferred; a robust weight keeps what has moved or bent from pulling.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from somfusion_ros.fusion.cluster_matching import match
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.warp import Warp
 from somfusion_ros.geometry import Array, inverse, place, rotation
+from somfusion_ros.settings import tuned
 
-REACHES = (0.3, 0.2, 0.15, 0.15)     # furthest match in each step [m]
-ROUGH = 2         # first steps, for which a map's sketch is enough
-ANGLE = np.radians(15.0)
-SCALE = 0.05      # distance at which a match has lost half of its pull [m]
-SHARED = 4.0      # neighbouring clusters err alike: this many count as one measurement
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Numbers that the refinement was tuned with."""
+
+    reaches: tuple[float, ...] = tuned(
+        (0.3, 0.2, 0.15, 0.15), 'm',
+        'furthest match in each step',
+        'benchmarks/fusion/stages.py: strict')
+    rough: int = tuned(
+        2, 'steps',
+        'the first, for which a sketch of a map is enough',
+        'benchmarks/fusion/stages.py: strict')
+    angle: float = tuned(
+        15.0, 'deg',
+        'most between the normals of a match',
+        'by design')
+    half_pull: float = tuned(
+        0.05, 'm',
+        'distance at which a match has lost half of its pull: a cell',
+        'benchmarks/fusion/stages.py: strict')
+    shared: float = tuned(
+        4.0, 'clusters',
+        'next to one another err alike and count as one measurement',
+        'benchmarks/fusion/calibration.py')
+
+
+REFINEMENT = RefinementSettings()
 
 
 def refine(pose: Array, target: LearnedMap, source: LearnedMap) -> tuple[Array, Array]:
@@ -28,18 +54,18 @@ def refine(pose: Array, target: LearnedMap, source: LearnedMap) -> tuple[Array, 
     Directions that no wall fixes keep a large variance.
     """
     pose = np.array(pose, dtype=float)
-    for step, reach in enumerate(REACHES):
-        few = step < ROUGH
+    for step, reach in enumerate(REFINEMENT.reaches):
+        few = step < REFINEMENT.rough
         J, off, weight = _residuals(pose, target, source, reach, few)
-        pull = weight / (1.0 + (off / SCALE) ** 2)
+        pull = weight / (1.0 + (off / REFINEMENT.half_pull) ** 2)
         H = (J * pull[:, None]).T @ J + np.diag([0.05, 0.05, 0.2])
         move = np.linalg.solve(H, (J * pull[:, None]).T @ off)
         pose = pose + move
     off = off - J @ move     # what the last step left; it is too short to match anew
-    pull = (weight > 0) / (1.0 + (off / SCALE) ** 2)
+    pull = (weight > 0) / (1.0 + (off / REFINEMENT.half_pull) ** 2)
     noise = max(float((pull * off ** 2).sum() / max(pull.sum(), 1.0)),
                 target.resolution ** 2 / 12.0)
-    H = (J * pull[:, None]).T @ J / (noise * SHARED) + np.diag([1.0, 1.0, 10.0]) * 0.1
+    H = (J * pull[:, None]).T @ J / (noise * REFINEMENT.shared) + np.diag([1.0, 1.0, 10.0]) * 0.1
     return pose, np.linalg.inv(H)
 
 
@@ -59,7 +85,7 @@ def widen(covariance: Array, pose: Array, source: LearnedMap, warp: Warp) -> Arr
     spread[2, 2] = float((moves ** 2).sum(1).mean()) / reach
     arm = pose[:2] - middle
     J = np.array([[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]], [0.0, 0.0, 1.0]])
-    return covariance + J @ spread @ J.T
+    return np.asarray(covariance + J @ spread @ J.T)
 
 
 def _residuals(pose: Array, target: LearnedMap, source: LearnedMap, reach: float,
@@ -70,7 +96,8 @@ def _residuals(pose: Array, target: LearnedMap, source: LearnedMap, reach: float
     for seen, by, forth in ((source, target, True), (target, source, False)):
         way = pose if forth else inverse(pose)
         clusters = seen.sketch if few else seen.features
-        found = match(way[None], clusters, by.features, by.nearest, ANGLE, 0.5)
+        found = match(way[None], clusters, by.features, by.nearest,
+                      np.radians(REFINEMENT.angle), 0.5)
         off, line = found.off[0].astype(float), found.normals[:, 0].astype(float)
         # The line of the other map, brought to the target's frame, and the point that turns.
         normal = line if forth else -R @ line
@@ -80,4 +107,5 @@ def _residuals(pose: Array, target: LearnedMap, source: LearnedMap, reach: float
             clusters.weights * clusters.straight,
             (by.features.weights * by.features.straight)[found.other[0]])
         rows.append((J, off, weight))
-    return tuple(np.concatenate(part) for part in zip(*rows))
+    J, off, weight = (np.concatenate(part) for part in zip(*rows, strict=True))
+    return J, off, weight

@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from somfusion_ros.fusion import measures, orientation, translation, voting
+from somfusion_ros.fusion import orientation, scoring, translation, voting
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.stopwatch import Stopwatch
@@ -49,9 +49,9 @@ def search(target: LearnedMap, source: LearnedMap, config: FusionConfig,
                             for turn in orientation.families(turns)])
     stopwatch.lap('seeds')
     poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
-    score = measures.scores(poses, target, source, every=2)
-    poses = measures.distinct(poses, score, source.pivot, SEARCH.candidates)
-    matched, against = measures.fine(poses, target, source)
+    score = scoring.scores(poses, target, source, every=2)
+    poses = scoring.distinct(poses, score, source.pivot, SEARCH.candidates)
+    matched, against = scoring.fine(poses, target, source)
     rank = np.argsort(-matched ** 1.5 / (matched + against + 1.0), kind='stable')
     poses = poses[rank[:config.finalists]]
     poses, J = settle_last(poses, target, source, sketch=False)

@@ -7,16 +7,34 @@ A segment's clusters depend on its own cells alone, so those of an equal segment
 Cells are told apart in the map frame, so that a map may grow around its segments.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.fusion import som
 from somfusion_ros.geometry import Array
+from somfusion_ros.settings import tuned
 
 Index = NDArray[np.intp]
 Chains = tuple[Array, Index, Index, Index]   # centres, segments, edges and winners of som.train
-WORTH = 64          # cells from which a segment is worth remembering
-MOST = 4096         # segments that are remembered at most
 PER_METRE = 1024    # cells are told apart at about a millimetre
+
+
+@dataclass(frozen=True)
+class CacheSettings:
+    """Numbers that bound the cache of segments."""
+
+    worth: int = tuned(
+        64, 'cells',
+        'from which a segment is worth remembering',
+        'benchmarks/team/growth.py')
+    most: int = tuned(
+        4096, 'segments',
+        'are remembered at most: bounds the memory',
+        'by design')
+
+
+CACHE = CacheSettings()
 
 
 class SegmentCache:
@@ -47,7 +65,7 @@ class SegmentCache:
         ends = np.cumsum(np.bincount(segments))
         starts = np.concatenate([[0], ends[:-1]])
         return {int(label): (spacing, cells[starts[label]:ends[label]].tobytes())
-                for label in np.flatnonzero(ends - starts >= WORTH)}
+                for label in np.flatnonzero(ends - starts >= CACHE.worth)}
 
     def _remember(self, learned: Chains, segments: Index,
                   keys: dict[int, tuple[float, bytes]]) -> None:
@@ -62,7 +80,7 @@ class SegmentCache:
         for n, key in enumerate(keys.values()):
             self._known[key] = (centres[low[n]:high[n]], edges[first[n]:last[n]] - low[n],
                                 winner[order[begin[n]:end[n]]] - low[n])
-        while len(self._known) > MOST:
+        while len(self._known) > CACHE.most:
             del self._known[next(iter(self._known))]
 
 

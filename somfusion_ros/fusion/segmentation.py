@@ -46,7 +46,8 @@ def segment(cells: Cells, shape: tuple[int, int], radius: float) -> NDArray[np.i
         there.append(other[linked] - 1)
     rows, columns = np.concatenate(here), np.concatenate(there)
     graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.intp)
+    labels: NDArray[np.intp] = connected_components(graph, directed=False)[1].astype(np.intp)
+    return labels
 
 
 def _half_disc(radius: float) -> list[tuple[int, int]]:

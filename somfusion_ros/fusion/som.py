@@ -10,15 +10,33 @@ between the two (competitive Hebbian learning, Martinetz and Schulten 1994), whi
 of a wall and a graph of a crossing.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
+from somfusion_ros.settings import tuned
 
 Index = NDArray[np.intp]
 FAR = 1e9           # where the neurons are that are none [m]
 ROW_BITS = np.int32(15)
-BATCH = 16384        # cells that the caches hold with all that is computed of them
-PHASE = 0.137       # keeps walls at round distances from the edges of the squares [m]
+
+
+@dataclass(frozen=True)
+class SomSettings:
+    """Numbers that the self-organising map was tuned with."""
+
+    batch: int = tuned(
+        16384, 'cells',
+        'are looked at in a row: the caches hold them with all that is computed',
+        'benchmarks/fusion/growth.py')
+    phase: float = tuned(
+        0.137, 'm',
+        'keeps walls at round distances from the edges of the squares',
+        'by design')
+
+
+SOM = SomSettings()
 
 
 def presentations(evidence: Array, delta: float) -> Array:
@@ -65,7 +83,7 @@ def _neighbourhoods(points: Array, segments: Index,
     same segment in the squares around, K where there is none: one of them wins in every pass
     """
     # Squares are those of the frame, so that a segment's clusters depend on its cells alone.
-    squares = np.floor((points + PHASE) / spacing).astype(np.int64)
+    squares = np.floor((points + SOM.phase) / spacing).astype(np.int64)
     squares -= squares.min(0) - 1
     columns, rows = squares.max(0) + 2
     key = (segments.astype(np.int64) * rows + squares[:, 1]) * columns + squares[:, 0]
@@ -85,9 +103,10 @@ def _means(points: Array, times: Array, winner: Index) -> Array:
 def _two_nearest(points: Array, centres: Array, near: Index) -> tuple[Index, Index]:
     """Winner (N,) and runner-up (N,) of each cell among the neurons (k, N) near it."""
     table = np.vstack([centres, [FAR, FAR]]).astype(np.float32).T
-    found = [_two_of(points[k:k + BATCH], table, near[:, k:k + BATCH])
-             for k in range(0, len(points), BATCH)]
-    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
+    found = [_two_of(points[k:k + SOM.batch], table, near[:, k:k + SOM.batch])
+             for k in range(0, len(points), SOM.batch)]
+    winner, runner = (np.concatenate(part) for part in zip(*found, strict=True))
+    return winner, runner
 
 
 def _two_of(points: Array, table: NDArray[np.float32], near: Index) -> tuple[Index, Index]:

@@ -9,18 +9,36 @@ mean shift of the matches. Here all seeds move at once, and along the normals on
 with a small turn: clusters of two maps sit at different places along the same wall.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from somfusion_ros.fusion.cluster_matching import match, Matches
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.rasters import Raster
 from somfusion_ros.geometry import Array
+from somfusion_ros.settings import tuned
 
-ANGLES = np.radians([25.0, 18.0, 12.0, 7.0, 4.0])        # thresholds of Algorithm 2
-REACHES = (1.2, 0.9, 0.6, 0.45, 0.3)                     # furthest match at each [m]
+
+@dataclass(frozen=True)
+class TranslationSettings:
+    """Numbers that Algorithm 2 was tuned with."""
+
+    angles: tuple[float, ...] = tuned(
+        (25.0, 18.0, 12.0, 7.0, 4.0), 'deg',
+        'thresholds of Algorithm 2: from 25 to 4 degrees, as published',
+        'by design')
+    reaches: tuple[float, ...] = tuned(
+        (1.2, 0.9, 0.6, 0.45, 0.3), 'm',
+        'furthest match at each of them; further ones draw in the next wall',
+        'benchmarks/fusion/stages.py')
+
+
+TRANSLATION = TranslationSettings()
 
 
 def mean_shift(pose: Array, source: Clusters, target: Clusters, nearest: Raster,
-               angles: Array = ANGLES, steps: int = 8) -> tuple[Array, list[float]]:
+               angles: Array = np.radians(TRANSLATION.angles),
+               steps: int = 8) -> tuple[Array, list[float]]:
     """
     Algorithm 2 as published: translation only, mean shift (9), 25 to 4 degrees.
 
@@ -39,7 +57,8 @@ def mean_shift(pose: Array, source: Clusters, target: Clusters, nearest: Raster,
 
 
 def settle(poses: Array, source: Clusters, target: Clusters, nearest: Raster,
-           angles: Array = ANGLES, reaches: tuple[float, ...] = REACHES) -> tuple[Array, Array]:
+           angles: Array = np.radians(TRANSLATION.angles),
+           reaches: tuple[float, ...] = TRANSLATION.reaches) -> tuple[Array, Array]:
     """
     Let every seed (B, 3) fall into its nearest agreement.
 

@@ -3,33 +3,63 @@
 """
 The verdict: a calibrated probability, accepted, refused or ambiguous, and a reason in words.
 
-A hypothesis must pass three tests, and is as probable as its worst one lets it be: the walls that
-should coincide do, once the maps may bend; it is better than every rival, in all, in how little
-wall speaks against it, and along the direction with the least evidence; and enough distinct
-places fix it along that direction, which two parallel walls do not, in an overlap that is no thin
-strip, where walls coincide by chance. Each test is linear in measures that can only speak for a
-hypothesis when they grow. The weights were learned from true and false hypotheses of real, cut,
-bent, worn and mirrored maps, drawn corridors, offices and buildings
-(benchmarks/fusion/calibration.py).
+A hypothesis must pass three tests, and is as probable as its worst one lets it be. Agreement: the
+walls that should coincide do, once the maps may bend, and hardly any straight wall stands where
+the other map saw free space all around; furniture that moved is no contradiction. Distinction: it
+is better than every rival, in how little wall speaks against it and along the direction with the
+least evidence. Places: enough distinct places fix it along that direction, which two parallel
+walls do not, in an overlap that is no thin strip, where walls coincide by chance. Each test is
+linear in measures that can only speak for a hypothesis when they grow. The weights were learned
+from true and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+import json
 
 import numpy as np
 from somfusion_ros.fusion.clusters import Index
 from somfusion_ros.fusion.measures import Evidence
-from somfusion_ros.geometry import Array, place, wrap
+from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.settings import tuned
 
-SLIDES = (-4.0, -2.5, -1.6, -1.0, 1.0, 1.6, 2.5, 4.0)   # steps along a corridor [m]
-APART = (0.7, np.radians(8.0))     # a rival lies further than this from the best [m, rad]
-ENOUGH = 0.1       # share of the smaller map from which an overlap is no thin strip
-SURE = 0.995       # probability from which a verdict over all measured rivals is clear
-SPAN = 250.0       # of more wall than this as much may be wrong as if there were so much [m]
-COMPARABLE = 0.4   # a rival that matches less of the best's wall tells nothing of its conflicts
-AGREEMENT = {'ratio': 3.08, 'fine_ratio': 0.32, 'little_against': 11.52, 'constant': 45.44}
-DISTINCTION = {'margin': 1.27, 'odds': 8.11, 'weak_margin': 5.26, 'constant': -7.33}
-PLACES = {'weak': 1.86, 'weak_ratio': 4.29, 'overlap': 5.98, 'constant': -4.01}
+WEIGHTS_FILE = 'verdict_weights.json'
+TESTS: dict[str, tuple[str, ...]] = {
+    'agreement': ('solid_density', 'ratio', 'constant'),
+    'distinction': ('odds', 'weak_margin', 'constant'),
+    'places': ('weak', 'weak_ratio', 'overlap', 'constant'),
+}
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """Numbers that the verdict was tuned with, beside its learned weights."""
+
+    strip: float = tuned(
+        0.1, 'share', 'of the smaller map from which an overlap is no thin strip',
+        'benchmarks/fusion/calibration.py')
+    sure: float = tuned(
+        0.9, 'probability', 'from which a verdict over all measured rivals is clear, and',
+        'benchmarks/fusion/stages.py')
+    clear_margin: float = tuned(
+        3.0, 'times', 'as good as the best rival: then no rival is bent, which takes time',
+        'benchmarks/fusion/stages.py')
+    comparable: float = tuned(
+        0.6, 'share', "of the best's wall that a rival matches at least to be compared by its "
+        'conflicts: a small overlap that fits by chance has few',
+        'benchmarks/fusion/calibration.py')
+    loose_wall: float = tuned(
+        0.5, 'm', 'of straight wall in the open is no contradiction: half a door leaf',
+        'doc/fusion.md: belgioioso halves')
+    image: float = tuned(
+        1.5, 'times', 'as good as a hypothesis is the mirror image of one map where the places '
+        'are built the other way round; at most 1.04 in true pairs', 'doc/fusion.md: mirrored')
+    image_chance: float = tuned(
+        0.02, 'probability', 'of a hypothesis that its mirror image beats', 'not measured')
+
+
+VERDICT = VerdictSettings()
 
 
 @dataclass(frozen=True)
@@ -46,7 +76,12 @@ CLEAR = Margins(3.0, 20.0, 4.0)      # of a hypothesis without a rival worth the
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Best hypothesis and best rival (or None) with their probabilities, the verdict, and why."""
+    """
+    What was decided.
+
+    best and rival: numbers of hypotheses (rival None where there is none) with their
+    probabilities; ambiguous: the best would be accepted but for its rivals.
+    """
 
     best: int
     rival: int | None
@@ -54,70 +89,59 @@ class Verdict:
     rival_probability: float
     accepted: bool
     reason: str
+    ambiguous: bool = False
     margins: Margins = CLEAR
 
     @property
     def is_clear(self) -> bool:
         """Whether it would stand, however rivals were bent or moved along a corridor."""
-        return self.probability >= SURE and self.margins.margin >= CLEAR.margin
+        return (self.accepted and self.probability >= VERDICT.sure
+                and self.margins.margin >= VERDICT.clear_margin)
 
 
-def slides(pose: Array, axis: Array) -> Array:
-    """Return poses (8, 3) beside a hypothesis (3,), along the direction (2,) fixed worst."""
-    steps = np.zeros((len(SLIDES), 3))
-    steps[:, :2] = np.outer(SLIDES, axis)
-    return pose + steps
+@cache
+def weights() -> dict[str, dict[str, float]]:
+    """Return the learned weights of every measure, by test."""
+    text = (files('somfusion_ros.fusion') / WEIGHTS_FILE).read_text(encoding='utf-8')
+    learned: dict[str, dict[str, float]] = json.loads(text)['weights']
+    return learned
 
 
-def rivals(poses: Array, evidence: list[Evidence], best: int, pivot: Array) -> Index:
-    """List the hypotheses (B, 3) that lie elsewhere than the best, strongest first."""
-    spot = place(poses, pivot[None])[:, :, 0].T
-    apart = np.hypot(*(spot - spot[best]).T) > APART[0]
-    apart |= np.abs(wrap(poses[:, 2] - poses[best, 2])) > APART[1]
-    found = np.flatnonzero(apart)
-    return found[np.argsort([-evidence[k].score for k in found], kind='stable')]
-
-
-def judge(poses: Array, evidence: list[Evidence], best: int, bent: Mapping[int, Evidence],
-          others: Index, confidence: float) -> Verdict:
+def judge(poses: Array, evidence: list[Evidence], best: int, others: Index,
+          confidence: float) -> Verdict:
     """
     Weigh the best of several hypotheses against the others.
 
     Parameters
     ----------
-    poses, evidence : hypotheses (B, 3) with the evidence of each, the maps taken as rigid
+    poses, evidence : hypotheses (B, 3) with the evidence of each
     best : which of them is judged
-    bent : the evidence of the best, and of some rivals, when the maps may bend
     others : its rivals, strongest first
     confidence : probability from which it is accepted
     """
     margins, rival, back = CLEAR, None, 0.0
     if len(others):
         rival = int(others[0])
-        rigid = [evidence[k] for k in others]
-        margins = margins_over(bent[best], evidence[best], rigid,
-                               [bent[k] for k in others if k in bent])
-        theirs = bent.get(rival, evidence[rival])
-        back = probability(theirs, margins_over(theirs, evidence[rival], [evidence[best]],
-                                                [bent[best]]))
-    chance, alone = probability(bent[best], margins), probability(bent[best], CLEAR)
+        margins = margins_over(evidence[best], [evidence[k] for k in others])
+        back = probability(evidence[rival], margins_over(evidence[rival], [evidence[best]]))
+    chance, alone = probability(evidence[best], margins), probability(evidence[best], CLEAR)
     word = 'refused' if chance < confidence else 'accepted'
     if chance < confidence <= alone:
         word = 'ambiguous'
     return Verdict(best=best, rival=rival, probability=chance,
                    rival_probability=min(back, 1.0 - chance), accepted=chance >= confidence,
-                   reason=_reason(word, bent[best], poses, best, rival, margins.margin),
-                   margins=margins)
+                   reason=_reason(word, evidence[best], poses, best, rival, margins.margin),
+                   ambiguous=word == 'ambiguous', margins=margins)
 
 
-def margins_over(bent: Evidence, rigid: Evidence, rivals: list[Evidence],
-                 bent_rivals: list[Evidence]) -> Margins:
-    """Compare a hypothesis, bent and rigid, with its rivals, at least one."""
-    every = rivals + bent_rivals
-    odds = [_against(item) for item in every if item.fine > COMPARABLE * bent.fine]
-    return Margins(bent.score / max(max(item.score for item in every), 1e-9),
-                   min(odds, default=5.0) / _against(bent),
-                   rigid.weak_score / max(max(item.weak_score for item in rivals), 0.2))
+def margins_over(item: Evidence, rivals_of_it: list[Evidence]) -> Margins:
+    """Compare a hypothesis with its rivals, at least one."""
+    odds = [_against(other) for other in rivals_of_it
+            if other.fine > VERDICT.comparable * item.fine]
+    return Margins(
+        item.score / max(max(other.score for other in rivals_of_it), 1e-9),
+        min(odds, default=5.0) / _against(item),
+        item.weak_score / max(max(other.weak_score for other in rivals_of_it), 0.2))
 
 
 def _against(item: Evidence) -> float:
@@ -128,23 +152,31 @@ def _against(item: Evidence) -> float:
 def probability(item: Evidence, margins: Margins) -> float:
     """Chance that a hypothesis is right, from its evidence and its margins over rivals."""
     found = measures(item, margins)
-    tests = [sum(weight * found[name] for name, weight in test.items())
-             for test in (AGREEMENT, DISTINCTION, PLACES)]
-    z = -np.logaddexp.reduce(np.negative(tests))     # a soft minimum
-    return float(1.0 / (1.0 + np.exp(-np.clip(z, -30.0, 30.0))))
+    log_odds = [sum(weights()[test][name] * found[name] for name in names)
+                for test, names in TESTS.items()]
+    return float(chance_of(soft_minimum(np.array(log_odds))))
+
+
+def soft_minimum(log_odds: Array) -> Array:
+    """Join the log odds of several tests (T, ...): about the least of them, and a little less."""
+    return np.asarray(-np.logaddexp.reduce(np.negative(log_odds), axis=0))
+
+
+def chance_of(log_odds: Array) -> Array:
+    """Probability of log odds, any shape."""
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(log_odds, -30.0, 30.0))))
 
 
 def measures(item: Evidence, margins: Margins) -> dict[str, float]:
     """Put evidence and margins on the scales on which the tests add them up."""
-    against = item.fine_against * min(1.0, SPAN / max(item.fine + item.fine_against, 1.0))
     return {
-        'ratio': _logit(item.ratio), 'fine_ratio': _logit(item.fine_ratio),
-        'little_against': -np.log(against + 3.0),
-        'margin': np.log(np.clip(margins.margin, 0.7, 3.0)),
+        'solid_density': -np.log(
+            max(item.solid_against - VERDICT.loose_wall, 0.0) / (item.common + 10.0) + 0.01),
+        'ratio': _logit(item.ratio),
         'odds': np.log(np.clip(margins.odds, 0.1, 20.0)),
         'weak_margin': np.log(np.clip(margins.weak_margin, 0.3, 4.0)),
         'weak': np.log(item.weak + 0.3), 'weak_ratio': _logit(item.weak_ratio),
-        'overlap': np.log(np.clip(item.overlap / ENOUGH, 0.05, 1.0)), 'constant': 1.0}
+        'overlap': np.log(np.clip(item.overlap / VERDICT.strip, 0.05, 1.0)), 'constant': 1.0}
 
 
 def judge_by_V(evidence: Evidence, threshold: float) -> Verdict:
@@ -154,6 +186,31 @@ def judge_by_V(evidence: Evidence, threshold: float) -> Verdict:
                    accepted=accepted,
                    reason=f'{"accepted" if accepted else "refused"}: V is '
                    f'{100 * evidence.V:.1f} %, threshold {100 * threshold:.0f} %')
+
+
+def beside_image(verdict: Verdict, item: Evidence, image: Verdict,
+                 image_item: Evidence) -> Verdict:
+    """
+    Refuse a hypothesis where the mirror image of the source map fits much better than it.
+
+    Parameters
+    ----------
+    verdict, item : on the hypothesis, and the evidence for it
+    image, image_item : on the best pose of the mirror image, and the evidence for that
+    """
+    times = image_times(item, image, image_item)
+    if times < VERDICT.image:
+        return verdict
+    reason = (f'refused: the mirror image of one map fits {times:.1f} times as well, so the '
+              'places are built alike, one the other way round;'
+              + verdict.reason.partition(':')[2])
+    return replace(verdict, accepted=False, reason=reason,
+                   probability=min(verdict.probability, VERDICT.image_chance))
+
+
+def image_times(item: Evidence, image: Verdict, image_item: Evidence) -> float:
+    """Return how many times as well the mirror image fits, 0 where it does not fit at all."""
+    return image_item.score / max(item.score, 1e-3) if image.accepted else 0.0
 
 
 def _logit(share: float) -> float:
@@ -166,7 +223,8 @@ def _reason(word: str, item: Evidence, poses: Array, best: int, rival: int | Non
     """Say in one sentence, with numbers, what decided."""
     text = (f'{word}: walls agree {100 * item.ratio:.0f} % over {item.matched:.0f} m, '
             f'{100 * item.weak_ratio:.0f} % over {item.weak:.1f} m in the weakest direction, '
-            f'overlap {100 * item.overlap:.0f} %')
+            f'overlap {100 * item.overlap:.0f} %, {item.solid_against:.1f} m of straight wall '
+            'in the open')
     if rival is None:
         return text + '; no rival'
     step = poses[rival] - poses[best]

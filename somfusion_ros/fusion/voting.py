@@ -11,16 +11,35 @@ clutter from drowning what is rare; without it the right shift ranks tens of pla
 the maps share little.
 """
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.geometry import Array, rotation
+from somfusion_ros.settings import tuned
 
-SMOOTH = 1.0      # width of a vote [bins]
-WHITE = 0.9       # share of the whitening: 0 plain correlation, 1 phase correlation
 QUARTERS = 4
+
+
+@dataclass(frozen=True)
+class VotingSettings:
+    """Numbers that the votes were tuned with."""
+
+    smooth: float = tuned(
+        1.0, 'bins',
+        'width of a vote: two maps of one wall differ by as much',
+        'benchmarks/fusion/stages.py')
+    white: float = tuned(
+        0.9, '',
+        'share of the whitening: 0 plain correlation, 1 phase correlation, which noise '
+        'spoils',
+        'benchmarks/fusion/stages.py')
+
+
+VOTING = VotingSettings()
 
 
 class VoteGrid:
@@ -36,7 +55,7 @@ class VoteGrid:
         self.size = fft.next_fast_len(int(np.ceil(extent / self.bin)) + 2)
         self.target = self._draw(target, target.centres - self.centre_target, target.normals)
         wave = fft.fftfreq(self.size)
-        blur = np.exp(-2.0 * (np.pi * SMOOTH * wave) ** 2).astype(np.float32)
+        blur = np.exp(-2.0 * (np.pi * VOTING.smooth * wave) ** 2).astype(np.float32)
         self.target *= (blur[:, None] * blur / self.size ** 2).astype(np.float32)
 
     def seeds(self, theta: float, count: int) -> Array:
@@ -91,7 +110,8 @@ class VoteGrid:
         np.add.at(image, np.concatenate(flat), np.concatenate(drawn).astype(np.complex64))
         spectrum = _transform(image.reshape(self.size, self.size))
         power = spectrum.real ** 2 + spectrum.imag ** 2
-        return spectrum * cv2.pow(power + np.float32(1e-4) * power.mean(), -WHITE / 2.0)
+        gain = cv2.pow(power + np.float32(1e-4) * power.mean(), -VOTING.white / 2.0)
+        return np.asarray(spectrum * gain, np.complex64)
 
 
 def _transform(image: NDArray[np.complex64], flags: int = 0) -> NDArray[np.complex64]:

@@ -18,7 +18,7 @@ from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import LEARNING, recall
-from somfusion_ros.fusion.measures import tally
+from somfusion_ros.fusion.scoring import tally
 from somfusion_ros.fusion.search import search
 from somfusion_ros.fusion.stopwatch import Stopwatch
 from somfusion_ros.geometry import place

@@ -50,6 +50,12 @@ class Snapshot:
     begun: Mapping[str, int] = field(default_factory=dict)
     placed: Mapping[str, Pose] = field(default_factory=dict)
 
+    def lookouts(self, robot: str) -> list[Pose]:
+        """Return poses in a robot's own map from where a look would settle ambiguous verdicts."""
+        found = [verdict.lookout_target if robot < peer else verdict.lookout_source
+                 for peer, verdict in sorted(self.verdicts.items())]
+        return [pose for pose in found if pose is not None]
+
     def world(self, robot: str) -> dict[str, Pose]:
         """Return T_world_map by robot of the connected team; of itself while it is alone."""
         if robot in self.placed:

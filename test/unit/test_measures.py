@@ -11,19 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.fusion import measures, rasters
+from somfusion_ros.fusion import rasters, scoring
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.measures import Evidence, measure
 from somfusion_ros.fusion.rasters import Raster
-from somfusion_ros.fusion.verdict import judge, judge_by_V, Margins, probability, rivals, slides
+from somfusion_ros.fusion.rivals import rivals, slides
+from somfusion_ros.fusion.verdict import judge, judge_by_V, Margins, probability
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
 
 GOOD = Evidence(matched=60.0, against=1.0, fine=50.0, fine_against=2.0, overlap=0.6, weak=10.0,
-                weak_against=0.5, V=0.99, axis=np.array([1.0, 0.0]))
+                weak_against=0.5, V=0.99, axis=np.array([1.0, 0.0]), solid=30.0, common=100.0)
 BAD = Evidence(matched=20.0, against=19.0, fine=10.0, fine_against=15.0, overlap=0.3, weak=1.0,
-               weak_against=4.0, V=0.95, axis=np.array([1.0, 0.0]))
+               weak_against=4.0, V=0.95, axis=np.array([1.0, 0.0]), solid=10.0, solid_against=6.0,
+               common=60.0)
 
 
 @cache
@@ -108,20 +110,20 @@ def test_scores_rank_like_the_evidence() -> None:
     """The cheap score of many hypotheses is that of the clusters' evidence, up to its thinning."""
     poses = np.array([[0, 0, 0], [0.3, 0, 0], [1.0, 0.5, 0.1], [3, 3, 3]], dtype=float)
     exact = [item.ratio * np.sqrt(item.matched) for item in measure(poses, room(), room())]
-    assert measures.scores(poses, room(), room()) == pytest.approx(exact, rel=1e-3)
-    quick = measures.scores(poses, room(), room(), every=2)
+    assert scoring.scores(poses, room(), room()) == pytest.approx(exact, rel=1e-3)
+    quick = scoring.scores(poses, room(), room(), every=2)
     assert np.argsort(quick).tolist() == np.argsort(exact).tolist()
 
 
 def test_distinct_keeps_the_best_of_each_place() -> None:
     """Near duplicates go, best first, at most as many as wanted."""
     poses = np.array([[0, 0, 0], [0.1, 0, 0], [5, 0, 0], [5, 0, 1.0], [9, 0, 0]], dtype=float)
-    kept = measures.distinct(poses, np.array([1.0, 3.0, 2.0, 2.5, 0.1]), np.zeros(2), 3)
+    kept = scoring.distinct(poses, np.array([1.0, 3.0, 2.0, 2.5, 0.1]), np.zeros(2), 3)
     assert kept.tolist() == [[0.1, 0, 0], [5, 0, 1.0], [5, 0, 0]]
 
 
-FOR = ('matched', 'fine', 'weak', 'overlap')
-AGAINST = ('against', 'fine_against', 'weak_against')
+FOR = ('matched', 'fine', 'weak', 'overlap', 'common')
+AGAINST = ('against', 'fine_against', 'weak_against', 'solid_against')
 
 
 @settings(max_examples=80, deadline=None)
@@ -130,7 +132,8 @@ AGAINST = ('against', 'fine_against', 'weak_against')
 def test_more_evidence_never_lowers_the_probability(
         margins: Margins, against: float, weak: float, changed: str) -> None:
     """The probability rises, or stays, with what speaks for a hypothesis, and falls with doubt."""
-    item = replace(GOOD, against=against, fine_against=against, weak=weak)
+    item = replace(GOOD, against=against, fine_against=against, weak=weak,
+                   solid_against=against / 3.0)
     before = probability(item, margins)
     if hasattr(margins, changed):
         margins = replace(margins, **{changed: 1.2 * getattr(margins, changed)})
@@ -142,9 +145,9 @@ def test_more_evidence_never_lowers_the_probability(
 
 def test_a_thin_strip_is_not_enough() -> None:
     """The same evidence in 3 % of the smaller map is refused, in 20 % it is accepted."""
-    item, clear = replace(GOOD, weak=3.0, weak_against=0.4), Margins(3.0, 20.0, 4.0)
-    assert probability(replace(item, overlap=0.2), clear) > 0.95
-    assert probability(replace(item, overlap=0.03), clear) < 0.3
+    item, clear = replace(GOOD, weak=4.0, weak_against=0.4), Margins(3.0, 20.0, 4.0)
+    assert probability(replace(item, overlap=0.2), clear) > 0.8
+    assert probability(replace(item, overlap=0.03), clear) < 0.4
 
 
 @pytest.mark.parametrize('mine, theirs, word', [
@@ -152,7 +155,7 @@ def test_a_thin_strip_is_not_enough() -> None:
 def test_verdicts_and_their_reasons(mine: Evidence, theirs: Evidence, word: str) -> None:
     """Good without a rival is accepted, with an equal rival ambiguous, bad is refused."""
     poses = np.array([[0, 0, 0], [3.0, 4.0, 0]], dtype=float)
-    found = judge(poses, [mine, theirs], 0, {0: mine}, np.array([1]), 0.95)
+    found = judge(poses, [mine, theirs], 0, np.array([1]), 0.8)
     assert found.reason.startswith(f'{word}: ') and found.accepted == (word == 'accepted')
     assert f'{100 * mine.ratio:.0f} %' in found.reason and '5.0 m' in found.reason
     assert found.probability + found.rival_probability <= 1.0 + 1e-9
@@ -164,7 +167,7 @@ def test_what_lies_beside_the_best_is_no_rival() -> None:
     evidence = [GOOD, GOOD, BAD, replace(BAD, fine=40.0)]
     assert rivals(poses, evidence, 0, np.zeros(2)).tolist() == [3, 2]
     others = rivals(poses[:2], evidence[:2], 0, np.zeros(2))
-    found = judge(poses, evidence, 0, {0: GOOD}, others, 0.95)
+    found = judge(poses, evidence, 0, others, 0.8)
     assert found.accepted and found.rival is None and found.reason.endswith('no rival')
 
 
@@ -187,9 +190,10 @@ def test_a_map_is_not_refused_for_its_size(times: int) -> None:
     """The same shares of walls, on maps of up to 25 km of wall: as probable as on a small one."""
     clear = Margins(3.0, 20.0, 4.0)
     large = replace(GOOD, matched=times * 60.0, against=times * 2.0, fine=times * 50.0,
-                    fine_against=times * 5.0, V=0.97)
-    assert probability(large, clear) > 0.98
-    torn = replace(large, against=large.matched, fine_against=large.fine)
+                    fine_against=times * 5.0, V=0.97, solid=times * 30.0, common=times * 100.0)
+    assert probability(large, clear) > 0.9
+    torn = replace(large, against=large.matched, fine_against=large.fine,
+                   solid_against=large.solid / 4.0)
     assert probability(torn, clear) < 0.05
 
 

@@ -93,7 +93,7 @@ def test_algorithm_2_settles(theta: float, dx: float, dy: float, turn: float) ->
     poses, J = translation.settle(start[None], source.features, target.features, target.nearest)
     distance, angle = pose_error(compose(poses[0], (4, 3, 0)), compose(truth, (4, 3, 0)))
     assert distance < 0.02 and angle < np.radians(0.3)
-    assert J.shape == (len(translation.ANGLES), 1) and J[-1, 0] < 0.02
+    assert J.shape == (len(translation.TRANSLATION.angles), 1) and J[-1, 0] < 0.02
 
 
 def test_the_published_translation_converges_near_the_truth() -> None:
@@ -140,7 +140,7 @@ def test_bending_finds_the_bend_and_leaves_the_straight_alone() -> None:
     source = type(room)(**{**room.__dict__, 'features': bent})
     straight = (clusters.normals[:, 1] ** 2 > 0.9) & (clusters.straight > 0.9)
     for seen, most in ((source, 0.1), (room, 0.01)):
-        warp = deformation.bend(np.zeros(3), room, seen)
+        warp = deformation.bend(np.zeros(3), room, seen).warp
         at = place(np.zeros((1, 3)), seen.features.centres)
         laid = (at + warp.at(at))[:, 0].T
         off = np.abs((laid - clusters.centres)[straight, 1])

@@ -20,6 +20,7 @@ MAP_EPOCH = 'map_epoch'    # which map it is that the other topics speak of
 # The team, for those who use its results.
 RELATIVE_TRANSFORMS, PEER_POSES, PEER_BODIES = 'relative_transforms', 'peer_poses', 'peer_bodies'
 CLUSTERS, MARKERS, ENCOUNTERS = 'clusters', 'markers', 'encounters'
+LOOKOUTS = 'lookouts'     # from where a look would settle a verdict that is ambiguous
 PEERS = 'peers'   # followed by the name of a robot and by map, path or clusters
 
 # What fusion nodes tell one another: states and poses always, maps to those who ask.

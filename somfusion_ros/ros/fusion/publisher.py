@@ -42,6 +42,8 @@ class FusionPublisher:
         self._bodies = node.create_publisher(PoseArray, names.PEER_BODIES, qos.LATEST)
         self._pose_publishers: dict[str, Any] = {}
         self._poses = node.create_publisher(PoseArray, names.PEER_POSES, qos.STREAM)
+        self._lookouts = node.create_publisher(PoseArray, names.LOOKOUTS, qos.LATCHED)
+        self._shown_lookouts: list[Pose] = []
         self._clusters = node.create_publisher(PointCloud2, f'{prefix}{names.CLUSTERS}',
                                                qos.LATCHED)
         self._markers = node.create_publisher(MarkerArray, names.MARKERS, qos.LATEST)
@@ -79,6 +81,10 @@ class FusionPublisher:
         for peer, pose in snapshot.own_transforms.items():
             self._relative.publish(convert.transform_message(
                 pose, own, self._frames.map_of(peer), stamp))
+        lookouts = snapshot.lookouts(self._frames.robot)
+        if lookouts != self._shown_lookouts:
+            self._shown_lookouts = lookouts
+            self._lookouts.publish(convert.pose_array(lookouts, self._frames.own, stamp))
         self._team_poses({robot: heard[robot].poses[-1] for robot in sorted(world)
                           if robot in heard and heard[robot].poses
                           and robot in {self._frames.robot, *present}}, snapshot, stamp)

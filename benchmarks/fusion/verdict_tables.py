@@ -1,0 +1,88 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the verdict reaches: by kind, by threshold, and how well its probability is calibrated."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from benchmarks.fusion.verdict_fit import Sample
+from benchmarks.tables import Table
+import matplotlib.figure as drawing
+import numpy as np
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.geometry import Array
+
+THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+BINS = 10
+
+
+def kinds_table(samples: list[Sample], known: Array, out: Array) -> Table:
+    """
+    Return how many of each kind are accepted.
+
+    known, out: probabilities (N,) by weights of all cases, and of the cases of other places.
+    """
+    enough = FusionConfig().estimation_confidence
+    right, errors = np.array([s.right for s in samples]), calibration_errors(samples, out)
+    table = Table('kinds', (
+        'kind', 'cases', 'best pose right', f'right and accepted at {enough:.2f}',
+        'wrong and accepted', 'right and accepted, place left out',
+        'wrong and accepted, place left out', 'calibration error, place left out'),
+        (None, 0, 3, 3, 0, 3, 0, 3))
+    for kind, true in dict.fromkeys((s.kind, s.true) for s in samples):
+        here = np.array([s.kind == kind and s.true == true for s in samples])
+        mixed = not true and any(s.true for s in samples if s.kind == kind)
+        rates: list[float] = []
+        for chance in (known, out):
+            accepted = chance[here] >= enough
+            rates += [float((right[here] & accepted).mean()),
+                      int((~right[here] & accepted).sum())]
+        table.add(f'{kind}, different places' if mixed else kind, int(here.sum()),
+                  float(right[here].mean()), *rates, errors[kind])
+    return table
+
+
+def thresholds_table(samples: list[Sample], chances: Mapping[str, Array]) -> Table:
+    """Return how many are accepted at which probability, by probabilities (N,) of a name."""
+    right, true = np.array([s.right for s in samples]), np.array([s.true for s in samples])
+    table = Table('thresholds', ('threshold', 'cases', *(f'{t:.2f}' for t in THRESHOLDS)))
+    for how, chance in chances.items():
+        for name, mask, of in (('true pairs, right pose', true & right, true),
+                               ('true pairs, wrong pose', true & ~right, true),
+                               ('different places', ~true, ~true)):
+            table.add(f'{how}: {name}', int(of.sum()),
+                      *(int((chance[mask] >= t).sum()) for t in THRESHOLDS))
+    return table
+
+
+def calibration_error(chance: Array, right: Array) -> float:
+    """Return the expected difference of a probability and how often it is right."""
+    which = np.minimum((chance * BINS).astype(int), BINS - 1)
+    return float(sum(abs(chance[which == k].mean() - right[which == k].mean())
+                     * (which == k).mean() for k in np.unique(which)))
+
+
+def calibration_errors(samples: list[Sample], chance: Array) -> dict[str, float]:
+    """Calibration error over all cases and within each kind."""
+    right = np.array([s.right for s in samples])
+    kinds = np.array([s.kind for s in samples])
+    return {'all': round(calibration_error(chance, right), 3)} | {
+        str(kind): round(calibration_error(chance[kinds == kind], right[kinds == kind]), 3)
+        for kind in dict.fromkeys(kinds)}
+
+
+def draw_reliability(path: Path, tables: Mapping[str, Array], right: Array) -> None:
+    """Draw how often a probability is right."""
+    figure = drawing.Figure(figsize=(5, 6), layout='constrained')
+    axes, below = figure.subplots(2, sharex=True, height_ratios=(3, 1))
+    axes.plot([0, 1], [0, 1], color='0.7')
+    for name, chance in tables.items():
+        which = np.minimum((chance * BINS).astype(int), BINS - 1)
+        filled = [k for k in range(BINS) if (which == k).any()]
+        axes.plot([chance[which == k].mean() for k in filled],
+                  [right[which == k].mean() for k in filled], 'o-', label=name)
+        below.hist(chance, bins=np.linspace(0.0, 1.0, BINS + 1), histtype='step')
+    axes.set(ylabel='share that is right')
+    axes.legend()
+    below.set(xlabel='probability of the verdict', ylabel='cases', yscale='log')
+    figure.savefig(path, dpi=110)
