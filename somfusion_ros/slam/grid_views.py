@@ -50,8 +50,8 @@ def grid_checkpoint(grid: Grid) -> Checkpoint:
     ValueError where there is no free space with walls around it.
     """
     places = _places(grid)
-    middles = _middles(grid)
-    clouds = [_look(grid, middles, place) for place in places]
+    middles, blind = _middles(grid), _blind(grid)
+    clouds = [_look(grid, middles, blind, place) for place in places]
     seen = [k for k, one in enumerate(clouds) if len(one) >= LEAST]
     if not seen:
         raise ValueError('the map has no free space that is large enough, with walls around it')
@@ -112,11 +112,19 @@ def _middles(grid: Grid) -> Array:
     return middles.reshape(*grid.shape, 2)
 
 
-def _look(grid: Grid, middles: Array, place: Array) -> Cloud:
+def _blind(grid: Grid) -> NDArray[np.bool_]:
+    """Mask (H, W) of the unknown cells through which no beam passes: not those along walls."""
+    size = np.ones((TUNING.thickness, TUNING.thickness), np.uint8)
+    near = cv2.dilate(grid.occupied.astype(np.uint8), size) > 0
+    blind: NDArray[np.bool_] = ~(grid.free | near)
+    return blind
+
+
+def _look(grid: Grid, middles: Array, blind_cells: NDArray[np.bool_], place: Array) -> Cloud:
     """
     Return what a laser sees all around at a place (2,) of a map, in the map's axes.
 
-    middles (H, W, 2) [m] are those of the walls.
+    middles (H, W, 2) [m] are those of the walls; beams end at walls and in blind cells (H, W).
     """
     step = 0.5 * grid.resolution
     angles = np.linspace(-np.pi, np.pi, BEAMS, endpoint=False)
@@ -129,7 +137,7 @@ def _look(grid: Grid, middles: Array, place: Array) -> Cloud:
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     x, y = np.where(inside, x, 0), np.where(inside, y, 0)
     wall = (inside & grid.occupied[y, x]).reshape(BEAMS, -1)
-    blind = (~inside | ~(grid.free | grid.occupied)[y, x]).reshape(BEAMS, -1)
+    blind = (~inside | blind_cells[y, x]).reshape(BEAMS, -1)
     stop = wall | blind
     first = stop.argmax(1)
     rows = np.arange(BEAMS)

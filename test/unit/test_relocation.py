@@ -1,0 +1,150 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot that is carried, kidnapped or started anywhere finds itself in the map that it has."""
+
+from dataclasses import replace
+
+from helpers import pose_error
+import numpy as np
+import pytest
+from somfusion_ros.geometry import Array, between, compose
+from somfusion_ros.simulation import drive, floor_plan
+from somfusion_ros.simulation.laser import Scene
+from somfusion_ros.simulation.trial import SICK, simulate_trial, Trial
+from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.grid_views import grid_checkpoint
+from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.start import Start
+from somfusion_ros.slam.step import Step
+
+PLAN = floor_plan.office()
+FOUND_WITHIN = 10.0                    # [m] of driving
+METRES, RADIANS = 0.1, np.radians(1.0)   # off the truth once found
+# Through the corridor and two rooms; the second way is another robot's.
+FIRST = [(1.5, 5.2), (14.2, 5.2), (14.2, 8.0), (14.2, 5.2), (5.4, 5.2), (5.4, 8.0), (5.4, 5.2),
+         (4.4, 5.2), (4.4, 2.5), (4.4, 5.2), (2.0, 5.2)]
+SECOND = [(14.2, 8.0), (14.2, 5.2), (5.4, 5.2), (5.4, 8.0)]
+
+
+def trial(way: list[tuple[float, float]], heading: float, seed: int,
+          plan: floor_plan.FloorPlan = PLAN) -> Trial:
+    """Drive along way points."""
+    rng = np.random.default_rng(seed)
+    stamps, poses = drive.follow(np.array(way), heading, 0.6, 400.0)
+    scene = Scene(plan.segments)
+    return simulate_trial(lambda t: scene, stamps, poses, SICK, rng,
+                          drive.real_wheels(0.02, rng))
+
+
+def run(slam: Slam, drawn: Trial, start: Array, later: float = 0.0,
+        odometry_start: Array | None = None) -> list[tuple[Step, Array]]:
+    """Feed every other scan; return the steps, and the true poses seen from the start (3,)."""
+    made, begin = [], np.zeros(3) if odometry_start is None else odometry_start
+    for scan in drawn.scans[::2]:
+        at = drive.at(drawn.odometry_stamps, drawn.odometry, np.array([scan.stamp]))[0]
+        pose = compose(begin, between(drawn.odometry[0], at))
+        stamp = scan.stamp + later
+        step = slam.process(replace(scan, stamp=stamp), Odometry(stamp, pose, np.zeros(3)))
+        made.append((step, compose(start, drawn.truth(np.array([scan.stamp]))[0])))
+    return made
+
+
+T_FIRST, T_SECOND = np.array([*FIRST[0], 0.0]), np.array([*SECOND[0], -np.pi / 2])
+IN_MAP = between(T_FIRST, T_SECOND)    # where the second drive starts in the first one's map
+
+
+@pytest.fixture(scope='module')
+def mapped() -> tuple[Checkpoint, Slam]:
+    """Map by the first drive."""
+    slam = Slam()
+    run(slam, trial(FIRST, 0.0, 1), np.zeros(3))
+    return slam.checkpoint(), slam
+
+
+def assert_found(slam: Slam, steps: list[tuple[Step, Array]]) -> None:
+    """Assert that the robot was found soon, and is where it is from then on."""
+    assert len(slam.found) == 1
+    assert slam.found[0].metres < FOUND_WITHIN
+    after = [(step, truth) for step, truth in steps if step.stamp > slam.found[0].stamp]
+    assert len(after) > 20
+    errors = np.array([pose_error(step.pose, truth) for step, truth in after])
+    assert (np.percentile(errors, 95, axis=0) < (METRES, RADIANS)).all()
+
+
+def test_a_robot_that_was_carried_away_is_found_and_its_map_grows_on(
+        mapped: tuple[Checkpoint, Slam]) -> None:
+    checkpoint, _ = mapped
+    slam = Slam(checkpoint=checkpoint, start=Start(anywhere=True))
+    steps = run(slam, trial(SECOND, -np.pi / 2, 2), IN_MAP)
+    assert_found(slam, steps)
+    views = slam.views()[1]
+    assert np.abs(views[:len(checkpoint.poses)] - checkpoint.poses).max() < 0.05
+    lost = [step for step, _ in steps if step.reason == 'lost']
+    assert lost
+    assert all(step.covariance[0, 0] > 1.0 for step in lost)   # it does not claim to know
+    driven = slam.driven()
+    assert len(driven[0]) == len(steps)                        # the piece was joined
+    assert pose_error(driven[1][0], IN_MAP)[0] < METRES
+
+
+def test_a_kidnapped_robot_notices_it_and_is_found(mapped: tuple[Checkpoint, Slam]) -> None:
+    slam = Slam(checkpoint=mapped[0])
+    first = trial([(2.0, 5.2), (9.0, 5.2)], 0.0, 3)
+    before = run(slam, first, between(T_FIRST, (2.0, 5.2, 0.0)), later=1000.0,
+                 odometry_start=np.array(mapped[0].tracker.odometry.pose))
+    assert not slam.lost
+    views = len(slam.views()[0])
+    carried = trial(SECOND, -np.pi / 2, 4)      # the odometry does not notice it
+    steps = run(slam, carried, IN_MAP, later=before[-1][0].stamp + 1.0, odometry_start=compose(
+        mapped[0].tracker.odometry.pose, between(first.odometry[0], first.odometry[-1])))
+    assert slam.counters['times_lost'] == 1
+    assert_found(slam, steps)
+    assert len(slam.views()[0]) < views + 60
+
+
+def test_a_robot_is_tracked_in_a_map_that_stays_as_it_is(mapped: tuple[Checkpoint, Slam]) -> None:
+    checkpoint, _ = mapped
+    slam = Slam(checkpoint=checkpoint, start=Start(anywhere=True, localization=True))
+    before = slam.grid().evidence.copy()
+    steps = run(slam, trial(SECOND, -np.pi / 2, 5), IN_MAP)
+    assert_found(slam, steps)
+    assert np.array_equal(slam.views()[1], checkpoint.poses)
+    assert np.array_equal(slam.grid().evidence, before)
+    assert slam.driven()[0][0] >= slam.found[0].stamp
+
+
+def test_a_robot_is_tracked_in_a_drawn_map(mapped: tuple[Checkpoint, Slam]) -> None:
+    grid = mapped[1].grid()
+    slam = Slam(checkpoint=grid_checkpoint(grid),
+                start=Start(anywhere=True, localization=True, drawn=grid))
+    steps = run(slam, trial(SECOND, -np.pi / 2, 6), IN_MAP)
+    assert_found(slam, steps)
+    assert slam.grid() is grid
+
+
+def test_a_pose_by_hand_ends_the_search(mapped: tuple[Checkpoint, Slam]) -> None:
+    slam = Slam(checkpoint=mapped[0], start=Start(anywhere=True, localization=True))
+    drawn = trial(SECOND, -np.pi / 2, 7)
+    few = replace(drawn, scans=drawn.scans[:4])
+    run(slam, few, IN_MAP)
+    assert slam.lost
+    slam.relocate(IN_MAP + (0.2, -0.1, 0.05), np.diag([0.3, 0.3, 0.1]) ** 2)
+    assert not slam.lost
+    steps = run(slam, replace(drawn, scans=drawn.scans[4:]), IN_MAP)
+    errors = np.array([pose_error(step.pose, truth) for step, truth in steps[5:]])
+    assert (np.percentile(errors, 95, axis=0) < (METRES, RADIANS)).all()
+
+
+@pytest.mark.parametrize('door', [0, 3])
+def test_where_rooms_look_alike_a_robot_waits_rather_than_err(door: int) -> None:
+    plan = floor_plan.corridor()
+    slam = Slam()
+    run(slam, trial([(1.0, 4.5), (25.0, 4.5)], 0.0, 8, plan), np.zeros(3))
+    x = 2.2 + 4.3 * door
+    again = Slam(checkpoint=slam.checkpoint(), start=Start(anywhere=True, localization=True))
+    truth = between(np.array([1.0, 4.5, 0.0]), np.array([x, 4.5, 0.0]))
+    steps = run(again, trial([(x, 4.5), (x + 6.0, 4.5)], 0.0, 9 + door, plan), truth)
+    for step, true in steps:
+        if step.reason != 'lost':
+            assert pose_error(step.pose, true)[0] < 0.5
