@@ -15,11 +15,13 @@ import numpy as np
 from somfusion_ros.geometry import Array, between, compose, inverse
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.relocation import KnownMap, Placed, Relocation
 from somfusion_ros.slam.single_map import SingleMap
+from somfusion_ros.slam.step import Step
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class LostTuning:
 
 
 TUNING = LostTuning()
+LEAST = 3    # views of a piece that are worth joining
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +57,15 @@ class Lost:
     """The piece of map that a lost robot is making, and the search for it in the known map."""
 
     def __init__(self, config: SlamConfig, counters: Counter[str],
-                 known: Callable[[], KnownMap]) -> None:
+                 known: Callable[[], KnownMap], stood: Step | None = None,
+                 calibration: Calibration | None = None) -> None:
         self.piece = SingleMap(config, counters)
+        self.piece.tracker.calibration = calibration or Calibration()
+        self._stood = stood                  # where it was, while it may still be there
         self.metres = 0.0                    # driven since
+        self.moved = stood is None           # it is not where it was
         self._odometry: Odometry | None = None
+        self._T_odom_base = np.zeros(3)
         self._known = known
         self._relocation: Relocation | None = None
         self._mapper = Mapper(config.resolution)
@@ -69,6 +77,7 @@ class Lost:
             step = between(self._odometry.pose, odometry.pose)
             self.metres += float(np.hypot(step[0], step[1]))
         self._odometry = odometry
+        self._T_odom_base = odometry.pose
 
     @property
     def reason(self) -> str:
@@ -78,6 +87,8 @@ class Lost:
     @property
     def due(self) -> bool:
         """Whether it has seen enough since the last look for another."""
+        if self._stood is not None:
+            return len(self.piece.graph.clouds) > 0
         every = max(TUNING.every, self._looked // TUNING.rarer)
         return len(self.piece.graph.clouds) >= self._looked + every
 
@@ -88,18 +99,30 @@ class Lost:
         scans, poses = self.piece.drawn()
         clouds = list(self.piece.graph.clouds[:len(poses)])
         self._looked = len(poses)
-        placed = self._relocation.look(poses, clouds, self._mapper.render(scans, poses))
+        grid = self._mapper.render(scans, poses)
+        if self._stood is not None:
+            hints, self._stood = self._hints(self._stood), None
+            placed = self._relocation.still_here(poses, clouds, grid, hints)
+            self.moved = placed is None
+        else:
+            placed = self._relocation.look(poses, clouds, grid)
         return None if placed is None else (len(poses) - 1, placed)
+
+    def _hints(self, stood: Step) -> list[Array]:
+        """Return where the newest view lies, if the robot stood still, or as the odometry says."""
+        T_odom_view = compose(self._T_odom_base, inverse(self.piece.graph.trail.poses[-1]))
+        return [np.array(stood.pose), compose(stood.T_map_odom, T_odom_view)]
 
     def join(self, known: SingleMap, view: int, placed: Placed) -> Array:
         """Go on in the known map where a view was found; return T_map_piece (3,)."""
         match, poses = placed.match, self.piece.graph.ekf.poses
         T_map_piece = compose(match.T_map_scan, inverse(poses[view]))
-        if known.grows:
+        if known.grows and len(poses) >= LEAST:
             known.absorb(self.piece, view, match.T_map_scan, match.covariance)
         else:
             pose, P = self.piece.pose()
-            known.stand(compose(T_map_piece, pose), P + match.covariance, self.piece.tracker)
+            known.stand(compose(T_map_piece, pose), P + match.covariance, self.piece.tracker,
+                        float(self.piece.graph.trail.stamps[-1]))
         return T_map_piece
 
 

@@ -107,5 +107,5 @@ def explain(expected: Expected, seen: Cloud, around: Callable[[int], LocalMap], 
     y = difference(match.T_map_scan, expected.T_view_base)
     if squared_mahalanobis(y, expected.P + match.covariance) > TUNING.gate:
         return None
-    return ((local_map, match) if agreement_of(match, seen, local_map) >= TUNING.agreement
-            else None)
+    agreement = agreement_of(match, seen, local_map)
+    return (local_map, match) if agreement >= TUNING.agreement else None

@@ -17,60 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from somfusion_ros.geometry import apply, Array, between, compose, inverse, rotation
 from somfusion_ros.grid import Grid
-from somfusion_ros.settings import tuned
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.correlative import TUNING as SEARCH
 from somfusion_ros.slam.drawn_map import DrawnMap
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine
+from somfusion_ros.slam.relocation_tuning import TUNING
 from somfusion_ros.slam.scan import Cloud
-
-
-@dataclass(frozen=True)
-class RelocationTuning:
-    """When a lost robot believes that it has found itself."""
-
-    views: int = tuned(
-        12, 'views', 'newest, that are searched for together; more tell places that look alike '
-        'apart, but are bent by drift', 'intel, wean')
-    views_least: int = tuned(
-        6, 'views', 'fewer are not searched for', 'intel, wean')
-    thinned: float = tuned(
-        0.05, 'm', 'edge of a square of the map that keeps one point', 'not measured')
-    query: float = tuned(
-        0.1, 'm', 'edge of a square of what is searched for, that keeps one point',
-        'not measured')
-    tile: float = tuned(
-        4.0, 'm', 'half the edge of a window of the search; larger ones cost memory',
-        'not measured')
-    margin: float = tuned(
-        2.0, 'm', 'from the views of the map, within which the robot is sought', 'by design')
-    on_surface: float = tuned(
-        0.15, 'm', 'a point this near lies on the surface', 'intel, wean')
-    off_surface: float = tuned(
-        0.3, 'm', 'a point this far lies off it', 'intel, wean')
-    least: float = tuned(
-        0.35, 'score', 'of the search below which no pose is looked at; lower costs time',
-        'intel, wean')
-    least_rival: float = tuned(
-        0.25, 'score', 'of the search below which a pose is no rival', 'intel, wean')
-    explained: float = tuned(
-        0.5, 'share of points', 'that lie on the surface of the map, at least', 'intel, wean')
-    agreement: float = tuned(
-        0.8, 'share', 'of what both sides saw, that agrees, at least', 'intel, wean')
-    clearer: float = tuned(
-        2.0, 'times', 'as much as the best pose leaves open, every other pose must leave open',
-        'intel, wean')
-    left: float = tuned(
-        0.02, 'share', 'that any pose leaves open', 'by design')
-    sure: tuple[float, float] = tuned(
-        (0.1, 0.03), 'm, rad', 'sigma of the match in its weakest direction, at most',
-        'by design')
-    same: tuple[float, float] = tuned(
-        (0.3, 0.06), 'm, rad', 'between what two searches found, at most', 'intel, wean')
-
-
-TUNING = RelocationTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +151,24 @@ class Relocation:
         self._known = known
         self._last: Array | None = None    # T_map_piece (3,) of the last search that was clear
         self.refusal = 'it has not seen enough yet'
+
+    def still_here(self, poses: Array, clouds: Sequence[Cloud], grid: Grid,
+                   hints: Sequence[Array]) -> Placed | None:
+        """
+        Return the place of the newest view where it is about as good as any, at one of the hints.
+
+        hints: poses (3,) in the map where the robot is likely, as it stood there before. The
+        whole map is searched all the same: a robot may have been carried.
+        """
+        query = Query.of_views(poses, clouds, grid)
+        if len(query.cloud) < TUNING.views_least:
+            return None
+        best = max((self._known.place(query, hint) for hint in hints), key=lambda p: p.worth)
+        anywhere = self._known.find(query)
+        likely = (best.explained >= TUNING.stands[0] and best.agreement >= TUNING.stands[1]
+                  and any(_same(best.match.T_map_scan, hint, np.zeros(3)) for hint in hints))
+        rival = anywhere.worth if anywhere else 0.0
+        return best if likely and best.worth >= rival - TUNING.prior else None
 
     def look(self, poses: Array, clouds: Sequence[Cloud], grid: Grid) -> Placed | None:
         """

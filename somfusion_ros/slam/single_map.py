@@ -23,7 +23,6 @@ from somfusion_ros.slam.track import Track
 from somfusion_ros.slam.tracking import Tracker
 from somfusion_ros.slam.view_tuning import TUNING
 
-
 LOOSE = np.diag([10.0, 10.0, 1.0]) ** 2   # of a piece of map before its match
 
 
@@ -170,11 +169,11 @@ class SingleMap:
         """Return whether no match tells any more that the robot is where it seems to be."""
         if self._blind == 0 or len(self.graph.clouds) < TUNING.known:
             return False
-        return self._blind >= (TUNING.blind_due if is_due and self.tracker.lost
-                               else TUNING.blind)
+        return self._blind >= (TUNING.blind_due if is_due else TUNING.blind)
 
-    def stand(self, pose: Array, P: Array, tracker: Tracker | None = None) -> None:
-        """Go on at a pose (3,) in the map with covariance (3, 3), and a tracker that knows it."""
+    def stand(self, pose: Array, P: Array, tracker: Tracker | None = None,
+              stamp: float | None = None) -> None:
+        """Go on at a pose (3,) with covariance (3, 3); a scan of a stamp [s] was taken there."""
         with self.lock:
             poses = self.graph.ekf.poses
             view = int(np.argmin(places.distance(pose, poses, self.config)))
@@ -182,6 +181,8 @@ class SingleMap:
             tracker.config, self.tracker, self._blind = self.config, tracker, 0
             self._go_on(view, self._local_map(view, self._members(view)),
                         between(poses[view], pose), P)
+            if stamp is not None:
+                self.graph.trail.append(stamp, self._at, self.tracker.T_view_base)
 
     def absorb(self, piece: 'SingleMap', view: int, T_map_view: Array, R: Array) -> None:
         """

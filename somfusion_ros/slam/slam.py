@@ -83,8 +83,9 @@ class Slam:
         self._mapper = Mapper(self.config.resolution)
         self._last = self._map.last
         self._lost: Lost | None = None
-        if checkpoint is not None and start.anywhere:
-            self._last, self._lost = None, self._lose()
+        if checkpoint is not None:
+            self._last = None if start.anywhere else self._last
+            self._lost = self._lose(self._last)
         if not self._map.graph.epoch.start:
             self._map.graph.epoch = epoch   # the map is new, or was made offline
 
@@ -217,22 +218,21 @@ class Slam:
         lost = self._lost = self._lost or self._lose()
         lost.drive(odometry)
         step = lost.piece.follow(stamp, seen, odometry)
-        self.counters['scans_lost'] += 1
         T_map_odom = self._last.T_map_odom if self._last else Pose()
         return replace(step, pose=Pose.from_array(compose(T_map_odom, odometry.pose)),
                        covariance=NOWHERE, T_map_odom=T_map_odom, matched=False, is_view=False,
                        reason='lost')
 
-    def _lose(self) -> Lost:
-        """Begin a piece of map apart."""
-        self.counters['times_lost'] += 1
-        return Lost(self.config, self.counters, lambda: known_map(self._map, self.grid()))
+    def _lose(self, stood: Step | None = None) -> Lost:
+        """Begin a piece of map apart; stood: where the robot may still be."""
+        return Lost(self.config, self.counters, lambda: known_map(self._map, self.grid()), stood,
+                    self._map.tracker.calibration)
 
     def _join(self, lost: Lost, view: int, placed: Placed) -> None:
         """Go on in the map where a view of the piece was found."""
         T_map_piece = lost.join(self._map, view, placed)
-        self.found.append(Found(self.last_stamp, lost.metres, T_map_piece))
-        self.counters['times_found'] += 1
+        if lost.moved:
+            self.found.append(Found(self.last_stamp, lost.metres, T_map_piece))
         self._lost = None
 
     def _stamp_fault(self, stamp: float) -> str:

@@ -33,13 +33,13 @@ class Tracker:
     def __init__(self, config: SlamConfig) -> None:
         self.config = config
         self._noise = MotionNoise()
-        self._map: LocalMap | None = None
+        self.around: LocalMap | None = None
         self.odometry: Odometry | None = None
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
         self._scale = ScaleError()
         self._velocity, self._dt = np.zeros(3), 0.0
         self._unseen = 0.0           # [s] since the last match
-        self._usual = 0.0            # inlier ratio of late
+        self.usual = 0.0            # inlier ratio of late
         self.lost = False
         self._resumed = False
         self._anchor: tuple[Odometry, Array] | None = None   # before odometry and match differed
@@ -50,7 +50,7 @@ class Tracker:
         c = self.calibration
         return TrackerState(
             T_view_base=self.T_view_base, P=self.P, velocity=self._velocity,
-            odometry=self.odometry, dt=self._dt, unseen=self._unseen, usual=self._usual,
+            odometry=self.odometry, dt=self._dt, unseen=self._unseen, usual=self.usual,
             lost=self.lost, turning=c.turning.copy(), P_turning=c.P_turning.copy(),
             travelling=c.travelling.copy(), P_travelling=c.P_travelling.copy(),
             scale=self._scale.derivatives)
@@ -60,7 +60,7 @@ class Tracker:
         s, c = state, self.calibration
         self.T_view_base, self.P, self._velocity = s.T_view_base, s.P, s.velocity
         self.odometry, self.lost = s.odometry, s.lost
-        self._dt, self._unseen, self._usual = s.dt, s.unseen, s.usual
+        self._dt, self._unseen, self.usual = s.dt, s.unseen, s.usual
         c.turning, c.P_turning = s.turning.copy(), s.P_turning.copy()
         c.travelling, c.P_travelling = s.travelling.copy(), s.P_travelling.copy()
         self._scale.derivatives = s.scale
@@ -68,7 +68,7 @@ class Tracker:
 
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
-        self._map = local_map
+        self.around = local_map
         if self._anchor is not None:
             self._anchor = self._anchor[0], between(self.T_view_base, self._anchor[1])
         T = turned(self.T_view_base[2])
@@ -78,7 +78,7 @@ class Tracker:
 
     def go_on(self, local_map: LocalMap, T_view_base: Array, P: Array) -> None:
         """Go on from another view, with the local map around it, at a pose and covariance."""
-        self._map = local_map
+        self.around = local_map
         if self._anchor is not None:
             ahead = between(self.T_view_base, self._anchor[1])
             self._anchor = self._anchor[0], compose(T_view_base, ahead)
@@ -102,8 +102,8 @@ class Tracker:
         before, previous, was_lost = self.T_view_base, self.odometry, self.lost
         reason = self._predict(odometry)
         matched, ratio = False, 0.0
-        if self._map is not None and len(scan) >= FEWEST:
-            match, matched = self._match(scan, self._map, before, bool(reason))
+        if self.around is not None and len(scan) >= FEWEST:
+            match, matched = self._match(scan, self.around, before, bool(reason))
             self._keep_anchor(match, previous, before)
             ratio = match.inlier_ratio
             if matched:
@@ -118,7 +118,7 @@ class Tracker:
                 reason = reason or ('lost' if self.lost else 'match_rejected')
         if matched:
             self._unseen = 0.0
-            self._usual += TUNING.memory * (ratio - self._usual)
+            self.usual += TUNING.memory * (ratio - self.usual)
         if self._dt > 0.0 and not self.lost:
             self._velocity = between(before, self.T_view_base) / self._dt
         R = INHERITED.handed_on * self.P + self._scale_covariance()
@@ -126,8 +126,8 @@ class Tracker:
 
     def _began_anew(self, scan: Cloud, odometry: Odometry) -> bool:
         """Return whether the odometry of the first scan after a restart begins at another pose."""
-        return (self._map is not None and self.odometry is not None
-                and odometry_began_anew(scan, self._map, self.T_view_base,
+        return (self.around is not None and self.odometry is not None
+                and odometry_began_anew(scan, self.around, self.T_view_base,
                                         between(self.odometry.pose, odometry.pose)))
 
     def _predict(self, odometry: Odometry) -> str:
@@ -172,7 +172,7 @@ class Tracker:
         best = min((a for a in tried if a.worth > worth - TUNING.similar),
                    key=lambda a: min(self._disagreement(a.match, pose) for pose in expected))
         ratio = best.match.inlier_ratio
-        stalled = ratio < TUNING.sudden * self._usual and not near(seed, coasted, TUNING.broke)
+        stalled = ratio < TUNING.sudden * self.usual and not near(seed, coasted, TUNING.broke)
         if not (doubtful or stalled) and self._disagreement(best.match) < TUNING.doubt:
             return best.match, ratio >= self.config.minimum_inlier_ratio
         return best.match, self._found(best, tried, expected)
@@ -180,7 +180,7 @@ class Tracker:
     def _is_plausible(self, match: Match) -> bool:
         """Return whether a match agrees with the odometry, or explains the usual share near it."""
         return (self._disagreement(match) < TUNING.doubt
-                or match.inlier_ratio >= TUNING.typical * self._usual
+                or match.inlier_ratio >= TUNING.typical * self.usual
                 and near(match.T_map_scan, self.T_view_base, TUNING.broke))
 
     def _found(self, best: Attempt, tried: list[Attempt], expected: list[Array]) -> bool:
@@ -195,6 +195,8 @@ class Tracker:
         confirmed = same(best, tried[-1]) and expects
         enough = (self.config.minimum_inlier_ratio if confirmed
                   else self.config.doubtful_inlier_ratio)
+        if self.lost:   # a carried robot must not settle for what little fits
+            enough = max(enough, TUNING.regained * self.usual)
         found = best.match.inlier_ratio >= enough and not rivals(best, tried)
         if not found and not self.lost:
             self.P = self.P + np.diag(TUNING.lost_sigma) ** 2
