@@ -11,6 +11,9 @@ import re
 
 from somfusion_ros.settings import parameter, validate
 
+ODOMETRY_SOURCES = ('auto', 'odom', 'encoders', 'tf', 'none')
+MOUNT_SOURCES = ('auto', 'tf', 'laser_pose')
+
 
 @dataclass(frozen=True)
 class SlamNodeConfig:
@@ -37,8 +40,10 @@ class SlamNodeConfig:
         'A scan waits this long for odometry that covers it, then it is dropped and counted; '
         'longer where odometry arrives late.')
     odometry_source: str = parameter(
-        'odom', '', None, None,
-        'odom: nav_msgs/Odometry on odom; encoders: two wheels in joint_states.')
+        'auto', '', None, None,
+        'odom: nav_msgs/Odometry on odom; encoders: two wheels in joint_states; tf: the transform '
+        'odom -> base_link on /tf; none: the motion is guessed from the scans alone; auto: odom, '
+        'or tf where only that is heard.')
     wheel_radius: float = parameter(
         0.077, 'm', 0.001, 10.0,
         'Radius of the two driven wheels; used only with odometry_source encoders.')
@@ -57,7 +62,11 @@ class SlamNodeConfig:
         'tells its place; its radius and how far it moves in a moment. 0 uses all returns.')
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'm, m, rad', None, None,
-        'Mount of the laser on the robot (x, y, yaw); all zero: taken from /tf_static.')
+        'Mount of the laser on the robot (x, y, yaw); where it is used, see mount_source.')
+    mount_source: str = parameter(
+        'auto', '', None, None,
+        'Where the mount of the laser comes from: tf: /tf_static; laser_pose: that parameter, '
+        'also where it is all zero; auto: laser_pose unless it is all zero, else tf.')
     mode: str = parameter(
         'mapping', '', None, None,
         'mapping: a map is made; localization: the robot is tracked in the map of map_file or '
@@ -90,15 +99,24 @@ class SlamNodeConfig:
 
     def __post_init__(self) -> None:
         validate(self)
-        if self.odometry_source not in ('odom', 'encoders'):
-            raise ValueError(
-                f'odometry_source = {self.odometry_source!r} is neither odom nor encoders')
+        for name, words in (('odometry_source', ODOMETRY_SOURCES),
+                            ('mount_source', MOUNT_SOURCES)):
+            if getattr(self, name) not in words:
+                raise ValueError(f'{name} = {getattr(self, name)!r} is none of '
+                                 f'{", ".join(words)}')
         if self.mode not in ('mapping', 'localization'):
             raise ValueError(f'mode = {self.mode!r} is neither mapping nor localization')
         if self.mode == 'localization' and not (self.map_file or self.map_topic):
             raise ValueError('mode localization needs a map: set map_file or map_topic')
         if len(self.laser_pose) != 3:
             raise ValueError(f'laser_pose = {list(self.laser_pose)} must be x, y and yaw')
+
+    @property
+    def given_mount(self) -> tuple[float, ...] | None:
+        """Mount of the laser (x, y, yaw) that is to be used; None where TF tells it."""
+        used = self.mount_source == 'laser_pose' or (
+            self.mount_source == 'auto' and any(self.laser_pose))
+        return self.laser_pose if used else None
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class GuessTuning:
         1.0, 's', 'for which a robot goes on; after a longer pause it may be anywhere near',
         'by design')
     fastest: tuple[float, float] = tuned(
-        (2.0, 3.0), 'm/s, rad/s', 'at which a robot is taken to go on: a wrong match tells more',
+        (2.0, 3.0), 'm/s, rad/s', 'at which a robot may go on; a wrong match tells more',
         'by design')
     gyro: tuple[float, float] = tuned(
         (0.003, 0.02), 'rad, share', 'sigma of a turn that a gyroscope tells: floor and growth',

@@ -8,7 +8,7 @@ ValueError with one line.
 """
 
 from array import array
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
@@ -39,6 +39,14 @@ PLANAR = np.ix_((0, 1, 5), (0, 1, 5))   # x, y, rotation about z in a 6 x 6 cova
 def seconds(stamp: Time) -> float:
     """Return a stamp in seconds."""
     return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
+def stamp_if_missing(header: Header, now: Time, count: Callable[..., None]) -> None:
+    """Stamp a message that has no stamp with the time of its arrival."""
+    if header.stamp.sec == 0 and header.stamp.nanosec == 0:
+        header.stamp = now
+        count('messages_without_stamp', f'{header.frame_id} sends stamps of 0: the time of '
+              'arrival is used')
 
 
 def time_message(stamp: float) -> Time:

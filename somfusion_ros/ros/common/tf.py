@@ -9,6 +9,7 @@ published as a message. Both topics are absolute, as everywhere in ROS: remap /t
 /tf_static to tf_static for a robot with a tree of its own.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from somfusion_ros.geometry import Pose
@@ -21,7 +22,7 @@ class Broadcaster:
     """Sends estimates on /tf, never on /tf_static, because they change; nothing without TF."""
 
     def __init__(self, node: Any) -> None:
-        self._type = _transform_type(node)
+        self._type = transform_type(node)
         self.available = self._type is not None
         self._publisher = (node.create_publisher(self._type, names.TF, qos.TRANSFORMS)
                            if self.available else None)
@@ -36,21 +37,23 @@ class Mounts:
     """
     Where lasers sit on the robot.
 
-    A mount given as a parameter, unless it is all zero, goes before TF. Fixed transforms that a
+    A mount that is given goes before TF; without TF it sits at the base. Fixed transforms that a
     robot repeats on /tf count as well; that topic is busy, so it is heard only until the mount is
-    known.
+    known. A transform that is corrected later on /tf_static is taken from then on, and counted.
     """
 
-    def __init__(self, node: Any, given: Pose) -> None:
-        self._given = None if given == Pose() else Mount(given)
+    def __init__(self, node: Any, given: Sequence[float] | None,
+                 count: Callable[..., None]) -> None:
+        self._given = None if given is None else Mount(Pose.from_array(given))
         self._known: dict[tuple[str, str], Mount] = {}
-        self._tree, self._node, self._repeated = FrameTree(), node, None
-        kind = None if self._given else _transform_type(node)
+        self._tree, self._node, self._count, self._repeated = FrameTree(), node, count, None
+        kind = None if self._given else transform_type(node)
         if kind is None:
-            self._given = self._given or Mount(given)
+            self._given = self._given or Mount(Pose())
             return
-        node.create_subscription(kind, names.TF_STATIC, self._on_transforms, qos.STATIC_TRANSFORMS)
-        self._repeated = node.create_subscription(kind, names.TF, self._on_transforms,
+        self._robot = node.get_namespace().strip('/')
+        node.create_subscription(kind, names.TF_STATIC, self._on_static, qos.STATIC_TRANSFORMS)
+        self._repeated = node.create_subscription(kind, names.TF, self._on_repeated,
                                                   qos.TRANSFORMS)
 
     def find(self, base_frame: str, laser_frame: str) -> Mount | None:
@@ -59,7 +62,7 @@ class Mounts:
             return self._given
         frames = (base_frame, laser_frame)
         if frames not in self._known:
-            mount = self._tree.mount(base_frame, laser_frame)
+            mount = self._tree.mount(base_frame, laser_frame, self._robot)
             if mount is None:
                 return None
             self._known[frames] = mount
@@ -68,11 +71,26 @@ class Mounts:
                 self._repeated = None
         return self._known[frames]
 
-    def _on_transforms(self, message: Any) -> None:
+    def hint(self, base_frame: str, laser_frame: str) -> str:
+        """Words on frames that are spelt like the laser's, '' where there are none."""
+        alike = [] if self._given else self._tree.similar(base_frame, laser_frame, self._robot)
+        return f' (there is one to {", ".join(alike)})' if alike else ''
+
+    def _on_static(self, message: Any) -> None:
+        """Keep fixed transforms; look mounts up anew where one was corrected."""
+        before = len(self._tree.corrected)
         self._tree.add(message.transforms)
+        if len(self._tree.corrected) > before:
+            parent, child = self._tree.corrected[-1]
+            self._count('mounts_corrected', f'{parent} -> {child} on /tf_static was corrected: '
+                        'it is taken from now on')
+            self._known.clear()
+
+    def _on_repeated(self, message: Any) -> None:
+        self._tree.add(message.transforms, static=False)
 
 
-def _transform_type(node: Any) -> Any:
+def transform_type(node: Any) -> Any:
     """Return tf2_msgs/TFMessage; None, logged once, where it is not installed."""
     kind = message_type('tf2_msgs.msg', 'TFMessage')
     if kind is None:

@@ -16,7 +16,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from sensor_msgs.msg import LaserScan
-from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import MAX_CELLS
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import Mount
@@ -82,7 +81,7 @@ class SlamNode(ManagedNode):
         """Listen to the robot, and start the threads."""
         part, config = self.active_part, self._config
         self._pipeline.start()
-        self._mounts = Mounts(part, Pose.from_array(config.laser_pose))
+        self._mounts = Mounts(part, config.given_mount, self._count)
         self._bodies = PeerBodies(part, config.peer_radius)
         self._odometry = OdometryInput(part, config, self._pipeline.add_odometry, self._count)
         scans = part.create_subscription(LaserScan, names.SCAN, self._on_scan, qos.SENSOR_DATA,
@@ -128,11 +127,13 @@ class SlamNode(ManagedNode):
     def _session_from(self, beginning: Beginning) -> Session:
         """Begin a session, in a map if there is one."""
         return Session(self._slam_config, self._config.transform_timeout, self._count,
-                       beginning.checkpoint, start=uuid4().hex[:12], how=beginning.start)
+                       beginning.checkpoint, start=uuid4().hex[:12], how=beginning.start,
+                       odometry=self._config.odometry_source != 'none')
 
     def _on_scan(self, message: LaserScan) -> None:
         """Hand on a scan, and where other robots are."""
         self._last.scan_heard = time.monotonic()
+        convert.stamp_if_missing(message.header, self.get_clock().now().to_msg(), self._count)
         mount = self._mount_of(message.header.frame_id)
         self._last.heard_stamp = message.header.stamp
         if mount is None:
@@ -177,8 +178,9 @@ class SlamNode(ManagedNode):
             self._last.lacking = str(error)
             return None
         if mount is None:
-            self._last.lacking = (f'no transform {base} -> {laser} on /tf_static: publish it, or '
-                                  'set laser_pose')
+            self._last.lacking = (f'no transform {base} -> {laser} on /tf_static'
+                                  f'{self._mounts.hint(base, laser)}: publish it, or set '
+                                  'laser_pose')
         return mount
 
     def _send_transform(self) -> None:
