@@ -139,6 +139,13 @@ def wire(source: Source) -> Iterator[Table]:
     yield wire_table(COUNTS[:1] if source.quick else COUNTS)
 
 
+@PARTS.add
+def live_cpu(source: Source) -> Iterator[Table]:
+    """Measure what a robot of a live team costs, with real nodes at real rates: needs ROS."""
+    from benchmarks.team.live_cpu import live_cpu_table
+    yield live_cpu_table(2 if source.quick else 4)
+
+
 def source_of(given: Path | None, quick: bool) -> Source:
     """Find the recorded data, or simulate some."""
     data = folders.data_folder(given)

@@ -5,7 +5,7 @@ Measure what a robot costs: CPU and memory of every node of a live team at real 
 
 usage: python -m benchmarks.team.live_cpu [ROBOTS] [SECONDS]     (default: 4 60)
 
-Simulated robots (10 scans/s of 683 beams, odometry 50/s) are played in real time into the nodes
+Simulated robots (10 scans/s of 683 beams, odometry 25/s) are played in real time into the nodes
 that team.launch.py starts, over Fast DDS on this machine. CPU is what the kernel counted for one,
 after a while for start-up, in cores; memory is its resident set at the end.
 """
