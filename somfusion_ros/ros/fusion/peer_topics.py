@@ -47,13 +47,17 @@ class PeerTopics:
         maps = self._session.shown_maps()
         for (peer, topic), publisher in list(self._publishers.items()):
             looking, shared = publisher.get_subscription_count(), maps.get(peer)
-            trail = len(self._heard[peer].trail) if peer in self._heard else 0
-            newest = trail if topic == names.PATH else shared
+            newest = self._last_place(peer) if topic == names.PATH else shared
             last_looking, last = self._shown.get((peer, topic), (0, None))
             if looking and newest and (looking > last_looking or newest is not last):
                 publisher.publish(self._message(peer, topic, shared))
                 last = newest
             self._shown[peer, topic] = looking, last
+
+    def _last_place(self, peer: str) -> tuple[float, float] | None:
+        """Return the newest place on a peer's way, the same object until there is another."""
+        heard = self._heard.get(peer)
+        return heard.trail[-1] if heard is not None and heard.trail else None
 
     def _message(self, peer: str, topic: str, shared: Any) -> Any:
         """Convert one thing that a peer has seen, in the peer's frame of this tree."""
