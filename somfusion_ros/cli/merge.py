@@ -14,6 +14,8 @@ def add(commands: Commands) -> None:
         description='Find how saved maps lie to one another and stitch them.')
     command.add_argument('maps', nargs='+', metavar='MAP.yaml',
                          help='map_server YAML files, at least two')
+    command.add_argument('--rigid', action='store_true',
+                         help='lay the maps together as they are, do not bend them')
     add_output(command)
     add_fusion(command)
     command.set_defaults(run=run)
@@ -26,4 +28,4 @@ def run(options: argparse.Namespace) -> None:
     from somfusion_ros.offline.merge import merge
     values = read_parameters(options.parameters)
     config = make(FusionConfig, values, **given(method=options.method))
-    merge(options.maps, options.output, config, not options.no_report)
+    merge(options.maps, options.output, config, not options.no_report, options.rigid)

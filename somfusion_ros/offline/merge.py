@@ -11,14 +11,16 @@ from typing import Any
 
 from somfusion_ros import __version__
 from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.io.console import say
 from somfusion_ros.io.maps import image_of, MapError, read_map, write_map, yaml_of
 from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
 from somfusion_ros.offline.fusing import draw, fuse_with_progress
 from somfusion_ros.offline.summary import tell_fusion
+from somfusion_ros.team.bent_grids import merge_bent
 
 
 def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig | None = None,
-          pictures: bool = True) -> dict[str, Any]:
+          pictures: bool = True, rigid: bool = False) -> dict[str, Any]:
     """
     Stitch saved maps, and write everything into a folder.
 
@@ -32,6 +34,8 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
         Parameters of the merge.
     pictures : bool
         Whether to draw the report.
+    rigid : bool
+        Whether to lay the maps together as they are, rather than bend them until they fit.
 
     Returns
     -------
@@ -65,13 +69,18 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     for name, grid in grids.items():
         write_robot_map(folder / name, grid)
     fusion = fuse_with_progress(grids, config, pictures)
-    write_map(folder, fusion.global_map)
+    bent = None if rigid or len(fusion.world) < 2 else merge_bent(grids, fusion.world, config)
+    write_map(folder, bent.whole if bent else fusion.global_map)
     robots = {name: {'map': str(path)} for name, path in zip(names, files)}
     record = {'command': 'merge', 'version': __version__,
               'fusion_config': asdict(config), 'robots': robots, **fusion_record(fusion),
-              'map': 'map.yaml', 'seconds': time.perf_counter() - started}
+              'bend_m': bent.bends if bent else {}, 'map': 'map.yaml',
+              'seconds': time.perf_counter() - started}
     write_result(folder, record)
     tell_fusion(record, str(folder / 'map.yaml'))
+    for name, far in record['bend_m'].items():
+        if far:
+            say(f'{name} was bent by up to {far:.2f} m')
     if pictures:
         draw(folder, fusion)
     return record
