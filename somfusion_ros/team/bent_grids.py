@@ -78,7 +78,7 @@ def _onto(target: Grid, source: Grid, config: FusionConfig | None) -> tuple[Grid
         placed = learn(best, config, cache)
         if not (len(learned.features) and len(placed.features)):
             break
-        warp = bend(np.zeros(3), learned, placed)
+        warp = bend(np.zeros(3), learned, placed).warp
         bent = warped(best, warp)
         agrees = wall_agreement(target, bent)
         if not agrees > agreed + SETTINGS.better:
