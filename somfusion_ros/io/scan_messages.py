@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Fields of sensor_msgs/LaserScan, of whichever library, to the core's scan; no ROS is needed.
+Fields of sensor_msgs/LaserScan and MultiEchoLaserScan to the core's scan; no ROS is needed.
 
 The ranges are handed on as they are: what 0, `inf` or a value above `range_max` means is decided
 in one place for logs and live scans alike, `somfusion_ros.slam.laser`.
@@ -21,13 +21,19 @@ COUNTED = 0.15  # share by which beams may be fewer or more than the increment w
 def scan_from(message: Any, mount: Mount, stamp: float, laser: str = '') -> Scan:
     """Convert a scan; a laser that hangs upside down turns the other way round."""
     with np.errstate(invalid='ignore'):   # a damaged file may hold signalling NaN
-        ranges = np.array(message.ranges, dtype=float)
+        ranges = np.array([one_range(told) for told in message.ranges] if hasattr(
+            next(iter(message.ranges), 0.0), 'echoes') else message.ranges, dtype=float)
     start, increment, odd = angles(float(message.angle_min), float(message.angle_max),
                                    float(message.angle_increment), len(ranges))
     turn = -1.0 if mount.upside_down else 1.0
     return Scan(stamp, ranges, turn * start, turn * increment, float(message.range_min),
                 float(message.range_max), float(message.time_increment), mount.T_base_laser,
                 laser=laser or message.header.frame_id, odd=odd)
+
+
+def one_range(told: Any) -> float:
+    """Range [m] of a beam of sensor_msgs/MultiEchoLaserScan: its first echo; NaN without one."""
+    return float(told.echoes[0]) if len(told.echoes) else float('nan')
 
 
 def angles(start: float, end: float, increment: float, beams: int) -> tuple[float, float, str]:

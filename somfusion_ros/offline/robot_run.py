@@ -18,6 +18,7 @@ from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.lost import Found
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
+from somfusion_ros.slam.motion_guess import TurnRate
 from somfusion_ros.slam.pairing import Pairing
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.session import Session
@@ -145,9 +146,11 @@ def paired(log: Log, pairing: Pairing) -> Iterator[tuple[Scan, Odometry]]:
         yield found.scan, found.odometry
 
 
-def feed(record: Scan | Odometry, to: Session | Pairing) -> None:
+def feed(record: Scan | Odometry | TurnRate, to: Session | Pairing) -> None:
     """Hand a record of a log on."""
     if isinstance(record, Scan):
         to.add_scan(record, None, 0.0)
+    elif isinstance(record, TurnRate):
+        to.add_turn_rate(record.stamp, record.rate)
     else:
         to.add_odometry(record.stamp, record.pose, record.slip)

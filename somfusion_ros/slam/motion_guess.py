@@ -8,6 +8,7 @@ A gyroscope tells its turns where there is one; its bias is learned from the mat
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import between, compose
@@ -43,6 +44,13 @@ class GuessTuning:
 
 TUNING = GuessTuning()
 SAMPLES = 4000   # of the gyroscope, kept for scans that come late
+
+
+class TurnRate(NamedTuple):
+    """What a gyroscope tells: the turn rate [rad/s] about the vertical axis at a stamp [s]."""
+
+    stamp: float
+    rate: float
 
 
 class MotionGuess:

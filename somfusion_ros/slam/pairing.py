@@ -79,6 +79,11 @@ class Pairing:
         """Add T_odom_base (3,) at a stamp [s]."""
         self._add_odometry(self._odometry_stamps.add(stamp, (pose, slip)))
 
+    def add_turn_rate(self, stamp: float, rate: float) -> None:
+        """Take the turn rate [rad/s] of a gyroscope at a stamp [s]."""
+        if self._guess is not None:
+            self._guess.add_turn_rate(stamp, rate)
+
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
         """Add a scan; now [s] is any steady time."""
         if scan.laser not in self._lasers and len(self._lasers) < MOST_LASERS:

@@ -105,8 +105,7 @@ class Session:
     def add_turn_rate(self, stamp: float, rate: float) -> None:
         """Take the turn rate [rad/s] of a gyroscope at a stamp [s]."""
         with self._lock:
-            if self._guess is not None:
-                self._guess.add_turn_rate(stamp, rate)
+            self._pairing.add_turn_rate(stamp, rate)
 
     def steps(self, now: float) -> Iterator[tuple[Any, Step]]:
         """Process the scans that odometry covers; yield each one's tag and step."""

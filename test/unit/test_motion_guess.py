@@ -3,16 +3,18 @@
 """A lidar without odometry, and a gyroscope beside it, on simulated drives with truth."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from somfusion_ros.io.bags.odometry import turn_rate
 from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.floor_plan import office
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import SICK, simulate_trial, Trial
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise
-from somfusion_ros.slam.motion_guess import MotionGuess
+from somfusion_ros.slam.motion_guess import MotionGuess, TurnRate
 from somfusion_ros.slam.session import Session
 
 
@@ -65,3 +67,9 @@ def test_a_guess_is_honest_about_what_nobody_measured() -> None:
             second.pose - first.pose, MotionNoise(), second.slip_since(first)))
     assert (np.diag(covariances[1]) > 4.0 * np.diag(covariances[0])).all()
     assert np.sqrt(covariances[1][1, 1]) > 0.2
+
+
+def test_an_imu_tells_the_turn_rate() -> None:
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0))
+    message = SimpleNamespace(header=header, angular_velocity=SimpleNamespace(z=0.5))
+    assert turn_rate(message, 7.0) == TurnRate(7.0, 0.5), 'without a stamp, of its recording'

@@ -3,14 +3,17 @@
 """The angles of a LaserScan checked by one another, and two lasers on one robot."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 from helpers import fake_odometry, fake_room, fake_scan, fake_trajectory
 import numpy as np
 import pytest
 from somfusion_ros.geometry import between, Pose
-from somfusion_ros.io.bags.log import open_log
+from somfusion_ros.io.bags.log import BagError, open_log
 from somfusion_ros.io.bags.writer import BagWriter, quaternion
-from somfusion_ros.io.scan_messages import angles
+from somfusion_ros.io.frame_tree import Mount
+from somfusion_ros.io.scan_messages import angles, scan_from
+from somfusion_ros.offline.result_bag import ResultBag
 from somfusion_ros.offline.robot_run import run_robot
 
 PI, DEGREE = np.pi, np.pi / 180.0
@@ -36,6 +39,23 @@ def test_angles_that_contradict_are_mended_where_that_is_clear(told: tuple, mean
 def test_angles_that_agree_or_are_not_set_are_left_as_they_are(told: tuple) -> None:
     """Drivers differ by a beam, or leave angle_max at 0."""
     assert angles(*told, 361) == (told[0], told[2], '')
+
+
+def test_of_several_echoes_the_first_is_taken() -> None:
+    message = SimpleNamespace(
+        header=SimpleNamespace(frame_id='laser'), angle_min=-1.0, angle_max=1.0,
+        angle_increment=1.0, range_min=0.1, range_max=10.0, time_increment=0.0,
+        ranges=[SimpleNamespace(echoes=echoes) for echoes in ([1.0, 2.0], [], [3.0])])
+    scan = scan_from(message, Mount(Pose(0.2, 0.0, 0.0)), 5.0)
+    assert np.array_equal(scan.ranges, [1.0, np.nan, 3.0], equal_nan=True)
+    assert (scan.stamp, scan.T_base_laser.x) == (5.0, 0.2)
+
+
+def test_a_bag_with_clouds_only_names_the_remedy(tmp_path: Path) -> None:
+    with ResultBag(tmp_path / 'bag') as bag:
+        bag.clusters('/points', 1.0, 'laser', np.zeros((3, 7), np.float32))
+    with pytest.raises(BagError, match='PointCloud2 on /points: .*pointcloud_to_laserscan'):
+        open_log(tmp_path / 'bag')
 
 
 def test_two_lasers_on_one_robot_are_both_used(tmp_path: Path) -> None:

@@ -24,10 +24,12 @@ from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import Mount
 from somfusion_ros.io.scan_messages import scan_from
 from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.slam.motion_guess import TurnRate
 from somfusion_ros.slam.scan import Scan
 
 __all__ = ['BagError', 'BagOptions', 'Log', 'open_log', 'robots_in']
 
+Record = Scan | Odometry | TurnRate
 REORDER_WINDOW = 64   # records among which one that was written late finds its place
 HOLE = 1.5            # usual times between two records, that one is missing between
 
@@ -75,12 +77,12 @@ class Log:
         """Tell whether the first laser hangs upside down."""
         return next(iter(self.lasers.values())).upside_down
 
-    def __iter__(self) -> Iterator[Scan | Odometry]:
+    def __iter__(self) -> Iterator[Record]:
         """Yield the records; BagError where the bag ends before its time."""
         self.counters.clear()
         return _in_order(self._records())
 
-    def _records(self) -> Iterator[Scan | Odometry]:
+    def _records(self) -> Iterator[Record]:
         """Yield the records as they were written."""
         convert = converter(self.odometry, self.options, self.path)
         topics = {*self.lasers, self.odometry.topic}
@@ -90,14 +92,14 @@ class Log:
                     yield scan_from(message, self.lasers[topic],
                                     stamp(message.header, log_time), topic)
                 else:
-                    odometry = convert(message, log_time)
-                    if odometry is not None and self._usable(odometry):
-                        yield odometry
+                    record = convert(message, log_time)
+                    if record is not None and self._usable(record):
+                        yield record
             self.notes += [note for note in reader.notes if note not in self.notes]
 
-    def _usable(self, odometry: Odometry) -> bool:
+    def _usable(self, record: Odometry | TurnRate) -> bool:
         """Tell whether odometry is finite, and count it otherwise."""
-        usable = bool(np.isfinite(odometry.pose).all())
+        usable = isinstance(record, TurnRate) or bool(np.isfinite(record.pose).all())
         if not usable:
             self.counters['odometry_not_finite'] = self.counters.get('odometry_not_finite', 0) + 1
         return usable
@@ -159,14 +161,14 @@ def _mount_of(reader: BagReader, topic: str, base_frame: str, options: BagOption
     return mount or Mount(Pose())
 
 
-def _in_order(records: Iterator[Scan | Odometry]) -> Iterator[Scan | Odometry]:
+def _in_order(records: Iterator[Record]) -> Iterator[Record]:
     """
     Put records that were written late back among those of their kind.
 
     A late record fills a hole that the stamps before it left; one that fills none was stamped by a
     clock that was set back, which the SLAM has to see.
     """
-    window: deque[Scan | Odometry] = deque()
+    window: deque[Record] = deque()
     for record in records:
         place = _place_of(record, window)
         window.insert(len(window) if place is None else place, record)
@@ -175,7 +177,7 @@ def _in_order(records: Iterator[Scan | Odometry]) -> Iterator[Scan | Odometry]:
     yield from window
 
 
-def _place_of(record: Scan | Odometry, window: deque[Scan | Odometry]) -> int | None:
+def _place_of(record: Record, window: deque[Record]) -> int | None:
     """Return the index of the hole that a late record fills; None where it is not late."""
     same = [i for i, other in enumerate(window) if type(other) is type(record)]
     if not same or not record.stamp < window[same[-1]].stamp:

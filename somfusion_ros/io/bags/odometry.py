@@ -14,8 +14,9 @@ from somfusion_ros.io.bags.topics import OdometrySource, stamp
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import yaw
 from somfusion_ros.slam.motion import Odometry, WheelOdometry
+from somfusion_ros.slam.motion_guess import TurnRate
 
-Converter = Callable[[Any, float], Odometry | None]
+Converter = Callable[[Any, float], Odometry | TurnRate | None]
 
 
 def converter(source: OdometrySource, options: BagOptions, path: Path) -> Converter:
@@ -24,7 +25,14 @@ def converter(source: OdometrySource, options: BagOptions, path: Path) -> Conver
         return from_odometry
     if source.kind == 'encoders':
         return Encoders(options, path)
+    if source.kind == 'none':
+        return turn_rate
     return TransformOdometry(source.frames)
+
+
+def turn_rate(message: Any, log_time: float) -> TurnRate:
+    """Convert sensor_msgs/Imu: its rate about the vertical axis."""
+    return TurnRate(stamp(message.header, log_time), float(message.angular_velocity.z))
 
 
 def from_odometry(message: Any, log_time: float) -> Odometry:

@@ -10,7 +10,9 @@ from somfusion_ros.io.bags.reader import BagReader
 from somfusion_ros.io.bags.transforms import in_namespace, odometry_frames, TF_TYPES
 from somfusion_ros.io.frame_names import BASE_FRAMES, plain
 
-SCAN = 'sensor_msgs/msg/LaserScan'
+SCANS = ('sensor_msgs/msg/LaserScan', 'sensor_msgs/msg/MultiEchoLaserScan')
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+IMU = 'sensor_msgs/msg/Imu'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 JOINTS = 'sensor_msgs/msg/JointState'
 
@@ -19,6 +21,8 @@ JOINTS = 'sensor_msgs/msg/JointState'
 class OdometrySource:
     """
     Where a robot's odometry comes from: kind (odom, encoders, tf, none), topic, and frames.
+
+    Without odometry the topic is that of a gyroscope, '' without one either.
 
     base_frame is the frame whose motion it tells; frames (parent, child) those of /tf.
     """
@@ -45,7 +49,7 @@ def find_robots(reader: BagReader) -> list[str]:
     moving = [topic for topic in reader.topics(ODOMETRY, JOINTS, *TF_TYPES)
               if 'static' not in topic]
     robots = set()
-    for topic in reader.topics(SCAN):
+    for topic in reader.topics(*SCANS):
         parts = topic.strip('/').split('/')[:-1]
         names = ['/'.join(parts[:n]) for n in range(len(parts), 0, -1)]
         robots |= set(next(([name] for name in names
@@ -58,12 +62,12 @@ def find_robots(reader: BagReader) -> list[str]:
 
 def choose_scan_topics(reader: BagReader, options: BagOptions) -> list[str]:
     """Find the topics of the laser scans: one, or those of several lasers on one robot."""
-    wanted, found = options.scan_topic, _found(reader, (SCAN,), options.namespace)
+    wanted, found = options.scan_topic, _found(reader, SCANS, options.namespace)
     if wanted is None and len(found) > 1 and not _named(found, 'scan', options.namespace):
         frames = {topic: plain(reader.first(topic).header.frame_id) for topic in found}
         if len(set(frames.values())) == len(found):
             return found
-    return [_choose(reader, (SCAN,), 'laser scans', wanted, 'scan', '--scan-topic',
+    return [_choose(reader, SCANS, 'laser scans', wanted, 'scan', '--scan-topic',
                     options.namespace)]
 
 
@@ -76,7 +80,8 @@ def choose_odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
     if kind == 'auto':
         kind, in_tf = _best_source(reader, options)
     if kind == 'none':
-        return OdometrySource('none', '', BASE_FRAMES[0])
+        gyros = _found(reader, (IMU,), namespace)
+        return OdometrySource('none', gyros[0] if len(gyros) == 1 else '', BASE_FRAMES[0])
     if kind == 'odom':
         topic = _choose(reader, (ODOMETRY,), 'odometry', options.odom_topic, 'odom',
                         '--odom-topic', namespace)
@@ -146,5 +151,8 @@ def _choose(reader: BagReader, types: tuple[str, ...], what: str, wanted: str | 
         return named or found[0]
     if not found:
         where = f' in namespace {namespace}' if namespace else ''
-        raise reader.error(f'no {what}{where}')
+        clouds = _found(reader, (CLOUD,), namespace) if types == SCANS else []
+        hint = (f'; it has {CLOUD} on {", ".join(clouds)}: convert it by pointcloud_to_laserscan'
+                if clouds else '')
+        raise reader.error(f'no {what}{where}{hint}')
     raise reader.error(f'several topics with {what}: {", ".join(found)}; name one by {option}')
