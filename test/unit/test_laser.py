@@ -70,3 +70,28 @@ def test_a_scan_without_a_usable_beam_says_why(ranges: list[float], words: str) 
     scan = Scan(1.0, np.array(ranges), -1.0, 0.25, 0.1, 10.0)
     assert words in emptiness(scan)
     assert not emptiness(replace(scan, ranges=np.array([*ranges[:-1], 2.0])))
+
+
+@pytest.mark.parametrize(('beams', 'period'), [(90, 0.025), (90, 0.2), (3600, 0.2)])
+@pytest.mark.parametrize('changing', [False, True])
+def test_lasers_of_every_rate_and_number_of_beams(beams: int, period: float, changing: bool
+                                                  ) -> None:
+    """90 to 3600 beams, 5 to 40 Hz, also where every scan has a few beams more or less."""
+    laser = Laser(beams=beams, field_of_view=2.0 * np.pi * (beams - 1) / beams, range_max=12.0,
+                  period=period, turn=period)
+    rng = np.random.default_rng(0)
+    stamps, poses = drive.follow(office().route(2)[:3], 1.6, 0.5, 1000.0)
+    counts: Counter[str] = Counter()
+    session = Session(SlamConfig(), 1e9, lambda kind, reason='': counts.update([kind]),
+                      background=False, capacity=10000)
+    trial = simulate_trial(lambda t: Scene(office().segments), stamps, poses, laser, rng)
+    for sample in zip(trial.odometry_stamps, trial.odometry, trial.slip, strict=True):
+        session.add_odometry(*sample)
+    for scan in trial.scans:
+        count = beams - int(rng.integers(0, 6)) if changing else beams
+        session.add_scan(replace(scan, ranges=scan.ranges[:count]), None, 0.0)
+        list(session.steps(0.0))
+    list(session.finish())
+    times, found = session.slam.trajectory()
+    assert len(times) >= len(trial.scans) - 3
+    assert np.hypot(*(found - trial.truth(times))[:, :2].T).max() < 0.15
