@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.learning import learn
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.team.map_change import missing_walls
-from somfusion_ros.team.screening import screen
+from somfusion_ros.team.matchers import Matchers
 
 
 @dataclass(frozen=True)
@@ -40,10 +39,11 @@ class _Peer:
 class Scouting:
     """Compares the robot's own map with the clusters of peers that are not wanted yet."""
 
-    def __init__(self, minimum_change: float, cache: FusionCache | None = None) -> None:
+    def __init__(self, minimum_change: float, cache: FusionCache | None = None,
+                 matchers: Matchers = Matchers()) -> None:
         self.likely: set[str] = set()
         self._minimum_change = minimum_change
-        self._cache = cache or FusionCache()
+        self._cache, self._matchers = cache or FusionCache(), matchers
         self._peers: dict[str, _Peer] = {}
 
     @property
@@ -73,7 +73,7 @@ class Scouting:
             known.at = now
             if known.fresh or self._changed(known.own, own):
                 known.fresh, known.own = False, own
-                if screen(learn(own, config, self._cache), known.clusters, config).likely:
+                if self._matchers.screen(own, known.clusters, config, self._cache).likely:
                     self.likely.add(peer)
                 return peer
         return None

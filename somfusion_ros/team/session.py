@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from somfusion_ros.fusion.alignment import align
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
@@ -26,6 +25,7 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.global_drawing import GlobalDrawing
+from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
@@ -65,15 +65,16 @@ class FusionSession:
     """
 
     def __init__(self, name: str, config: TeamConfig, fusion: FusionConfig,
-                 say: Callable[[str], object], clock: Callable[[], float] = lambda: 0.0) -> None:
+                 say: Callable[[str], object], clock: Callable[[], float] = lambda: 0.0,
+                 matchers: Matchers = Matchers()) -> None:
         known = {robot: Pose(*pose) for robot, pose in config.known_poses().items()}
         self.fusion = fusion
-        self._cache = FusionCache()
+        self._cache, self._matchers = FusionCache(), matchers
         self.snapshot = Snapshot()
         self._name, self._config, self._say = name, config, say
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else None)
         self._departed = DepartedRobots(self._team)
-        self._scouting = Scouting(config.minimum_change, self._cache)
+        self._scouting = Scouting(config.minimum_change, self._cache, matchers)
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
         self._dropped: set[tuple[tuple[str, str], str]] = set()
@@ -172,8 +173,8 @@ class FusionSession:
             return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
         target, source = self._team.grids_of(peer)
         verdict = self.elastic.weigh(
-            peer, align(target, source, self.fusion, cache=self._cache), self._team.epochs,
-            self.fusion.estimation_confidence)
+            peer, self._matchers.align(target, source, self.fusion, self._cache),
+            self._team.epochs, self.fusion.estimation_confidence)
         self._words[peer] = self._team.record(peer, verdict, target, source, now)
         self._count_jump(peer, self._team.own_transforms().get(peer))
         self._say(f'{self._name} and {peer}: '

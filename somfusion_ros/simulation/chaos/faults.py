@@ -1,0 +1,40 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What can go wrong in a simulated team, and when: a list that one seed chooses."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from somfusion_ros.simulation.chaos.liar import KINDS as LIES
+
+NETWORK = ('loss', 'delay', 'doubling', 'slow link', 'cut')
+ROBOT = ('fusion crash', 'robot off', 'slam restart elsewhere', 'slam restart with state',
+         'slam restart without state', 'reset', 'kidnapped', 'clock step')
+KINDS = (*NETWORK, *ROBOT, *(f'liar: {kind}' for kind in LIES))
+LAST = 70.0      # [s] at which the last fault is mended
+FIRST = 8.0      # [s] of the first one
+
+
+class Fault(NamedTuple):
+    """A fault of a kind that begins at a time [s], lasts [s], and strikes a robot."""
+
+    at: float
+    kind: str
+    robot: str
+    lasts: float
+    size: float
+
+    def __str__(self) -> str:
+        """Say it in one line."""
+        return f'{self.at:5.1f} s: {self.kind}, {self.robot}, for {self.lasts:.1f} s'
+
+
+def choose(robots: Sequence[str], rng: np.random.Generator) -> list[Fault]:
+    """Choose faults for a team, in the order of time."""
+    faults = []
+    for _ in range(int(rng.integers(2, 7))):
+        at = float(rng.uniform(FIRST, LAST - 5.0))
+        faults.append(Fault(at, str(rng.choice(KINDS)), str(rng.choice(list(robots))),
+                            float(rng.uniform(2.0, LAST - at)), float(rng.uniform())))
+    return sorted(faults)
