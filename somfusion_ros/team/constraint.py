@@ -95,7 +95,8 @@ def sane_covariance(covariance: Array) -> Array:
     ValueError unless it is symmetric, positive definite, and no sigma is absurd.
     """
     P = np.asarray(covariance, dtype=float)
-    if P.shape != (3, 3) or not np.isfinite(P).all() or not np.allclose(P, P.T, atol=0.0):
+    if P.shape != (3, 3) or not np.isfinite(P).all() or not (
+            np.abs(P - P.T) <= TUNING.least_independence * np.abs(P)).all():
         raise ValueError('covariance is no symmetric matrix of finite numbers')
     variances = np.diag(P)
     most = np.array([TUNING.most_sigma_xy, TUNING.most_sigma_xy, TUNING.most_sigma_theta]) ** 2

@@ -5,9 +5,9 @@ What the team knows of robots that are gone, for those who come later.
 
 A robot that left, died or is out of reach has mapped something and joined maps. Who knew it tells
 the others so, and hands its map on when asked. Where the words differ on which map it had, the
-one that most robots name counts. Of those who knew that map, the one that knows most of it counts,
-then the one whose name sorts first, so that all agree. A robot of whose map nothing is left is
-forgotten.
+one that most robots name counts; who knew it itself believes no single other. Of those who knew
+that map, the one that knows most of it counts, then the one whose name sorts first, so that all
+agree. A robot of whose map nothing is left is forgotten.
 """
 
 from collections.abc import Collection, Mapping
@@ -59,7 +59,7 @@ class DepartedRobots:
         team.absent = frozenset(words)
         self.sources = {}
         for robot, said in words.items():
-            owner, gone = _agreed(said)
+            owner, gone = _agreed(said, team.name)
             if owner != team.name:
                 team.begin(robot, gone.epoch)
                 team.hear(robot, gone.constraints)
@@ -99,9 +99,10 @@ class DepartedRobots:
         return counted[1]
 
 
-def _agreed(said: list[tuple[str, DepartedRobot]]) -> tuple[str, DepartedRobot]:
+def _agreed(said: list[tuple[str, DepartedRobot]], own: str) -> tuple[str, DepartedRobot]:
     """Choose the word that counts among those of several robots on one that is gone."""
     names = [gone.epoch for _, gone in said]
-    epoch = max(sorted(set(names), key=str), key=names.count)
+    mine = {gone.epoch for owner, gone in said if owner == own}
+    epoch = max(sorted(set(names), key=str), key=lambda one: (names.count(one), one in mine))
     return min(((owner, gone) for owner, gone in said if gone.epoch == epoch),
                key=lambda word: (-word[1].known, word[0]))

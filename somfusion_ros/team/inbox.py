@@ -190,6 +190,10 @@ class Inbox:
         """Note which map a robot has; where it is another one, its old poses are nowhere."""
         if self._session.begin(robot, epoch, self._clock(), keep_map):
             self.heard[robot].forget_poses()
+            decoder = self._decoders.get(robot)
+            newest = None if decoder is None else decoder.newest
+            if newest is not None and newest[0] == epoch:   # others had told of another one
+                self._session.take_map(robot, _shared(newest[1]), self._clock())
 
 
 def _shared(cells: MapCells) -> SharedMap:

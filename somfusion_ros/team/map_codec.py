@@ -74,12 +74,13 @@ class MapEncoder:
 
 
 class MapDecoder:
-    """Decodes messages to maps, in whatever order they come."""
+    """Decodes messages to maps, in whatever order they come. newest: the last map, and which."""
 
     def __init__(self, max_cells: int) -> None:
         self._max_cells = max_cells
         self._key: tuple[bytes, MapCells] | None = None   # with its digest
         self._change: bytes | None = None
+        self.newest: tuple[Epoch, MapCells] | None = None
 
     def decode(self, message: bytes) -> MapCells | None:
         """
@@ -87,6 +88,13 @@ class MapDecoder:
 
         ValueError, naming what is wrong, on anything that is no message; it changes nothing.
         """
+        cells = self._decoded(message)
+        if cells is not None:
+            self.newest = epoch_of(message), cells
+        return cells
+
+    def _decoded(self, message: bytes) -> MapCells | None:
+        """Decode a message on top of those before."""
         header = _parse(message, self._max_cells)
         if header.kind == KEY:
             key = _cells(header, _inflate(message, header))

@@ -117,3 +117,13 @@ def test_a_robot_that_is_gone_without_a_map_is_forgotten() -> None:
     departed.update({'b'})
     assert team.solution().groups == ({'b': Pose()},)
     assert team.heard_of('d') == ()
+
+
+def test_who_knew_a_robot_believes_no_single_other() -> None:
+    """A liar that speaks before the honest ones do would else make them drop what they know."""
+    team, departed = memory('b', ROOM)
+    departed.hear('z', (DepartedRobot('d', 10 ** 9, (constraint(NEARBY),), Epoch('0f')),))
+    departed.update({'z'})
+    assert team.epochs['d'] == Epoch()
+    assert 'd' in team.maps
+    assert departed.sources == {}

@@ -8,9 +8,11 @@ A run that breaks an invariant says which, and shrinks to the faults that are ne
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from hashlib import blake2b
 
 import numpy as np
 from somfusion_ros.geometry import between, Pose, wrap
+from somfusion_ros.grid import Grid
 from somfusion_ros.simulation.chaos.faults import choose, Fault, LAST
 from somfusion_ros.simulation.chaos.liar import Liar
 from somfusion_ros.simulation.chaos.matching import Matching
@@ -24,6 +26,7 @@ SETTLED = 30.0       # [s] after the last fault in which all must agree
 EQUAL = 0.999        # share of the known cells in which all global maps must agree
 SURE = 3.5           # sigmas, and
 NEAR = 0.5           # [m] within which an accepted transform must be
+HALF = 0.5           # of evidence; cells that differ by less say the same
 LOOK = 2.0           # [s] between two looks at who is there
 
 
@@ -92,10 +95,21 @@ class Team:
                 looked = now
                 self._look(now)
             self._step(now)
-        self.outcome.seconds = now
+        self.outcome.seconds, self.outcome.digest = now, self._digest()
         if not self.outcome.broken:
             self._check_agreement()
         return self.outcome
+
+    def _digest(self) -> bytes:
+        """Return bytes that only a run of the same words, poses and maps has."""
+        found = blake2b(digest_size=16)
+        for robot in self.robots.values():
+            if robot.station is not None:
+                found.update(repr((robot.station.words, sorted(world_of(robot.station).items()),
+                                   sorted(robot.station.counts.items()))).encode())
+                if robot.station.drawn is not None:
+                    found.update(robot.station.drawn.evidence.tobytes())
+        return found.digest()
 
     def _step(self, now: float) -> None:
         """Let everybody do a step of work."""
@@ -233,6 +247,13 @@ class Team:
     def _compare(self, members: list[Station]) -> None:
         """Check that poses and drawn maps of one group are the same."""
         first = world_of(members[0])
+        drawn = [one.drawn for one in members if one.drawn is not None]
+        if len(first) > 1 and len(drawn) == len(members):
+            for grid in drawn[1:]:
+                share = alike(drawn[0], grid)
+                if share < EQUAL:
+                    self.outcome.broken.append(f'global maps of {[one.name for one in members]} '
+                                               f'agree in {share:.4f} only')
         for other in members[1:]:
             for name, pose in world_of(other).items():
                 off = np.subtract(first.get(name, pose), pose)
@@ -249,6 +270,17 @@ def error_of(T_target_source: Pose, target: Tape, source: Tape) -> float:
         return float('inf')
     truth = between(target.T_place_map, source.T_place_map)
     return float(np.hypot(*(between(truth, T_target_source)[:2])))
+
+
+def alike(one: Grid, other: Grid) -> float:
+    """Share of the cells known to either map in which both say the same, within a cell."""
+    points = one.points(one.known)
+    cells = other.point_to_cell(points)
+    inside = ((cells >= 0) & (cells < other.shape)).all(1)
+    same = np.zeros(len(points), bool)
+    theirs = other.evidence[tuple(cells[inside].T)]
+    same[inside] = np.abs(theirs - one.evidence[one.known][inside]) < HALF
+    return float(same.sum() / max(len(points), np.count_nonzero(other.known)))
 
 
 def run_seed(seed: int, tapes: Sequence[Tape], matching: Matching,

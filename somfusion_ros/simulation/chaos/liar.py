@@ -20,6 +20,7 @@ from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState
 KINDS = ('garbage', 'wrong pairs', 'ghosts', 'absent robots', 'walls', 'free everywhere', 'replay',
          'flicker', 'poses')
 GOOD = np.diag([1e-4, 1e-4, 1e-6])
+PERIOD = 2.0      # [s] between two lies
 EPOCH = Epoch('11a7', 0)
 
 
@@ -31,6 +32,7 @@ class Liar:
         self._network, self._rng, self._number = network, rng, 0
         self._heard: dict[str, TeamState] = {}
         self._old: list[tuple[str, Any, int]] = []
+        self._due = 0.0
 
     def meet(self, robot: str, now: float) -> None:
         """Listen to a robot."""
@@ -46,7 +48,10 @@ class Liar:
             self._old.append((one.channel, one.message.payload, one.message.size))
 
     def work(self, now: float) -> None:
-        """Say something."""
+        """Say something, now and then."""
+        if now < self._due:
+            return
+        self._due = now + PERIOD
         self._number += 1
         {'garbage': self._garbage, 'wrong pairs': self._wrong, 'ghosts': self._ghosts,
          'absent robots': self._absent, 'walls': self._walls, 'replay': self._replay,

@@ -27,9 +27,11 @@ from somfusion_ros.team.map_codec import MapEncoder
 from somfusion_ros.team.outbox import Outbox
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.shared_map import MapCells
 
 MAX_CELLS = 10 ** 6
 DEPARTED = 'departed'
+DRAW_EVERY = 2.0     # [s] between two looks at whether the global map is to be drawn anew
 POSE_COVARIANCE = np.diag([4e-4, 4e-4, 1e-4])
 
 
@@ -70,13 +72,16 @@ class Station:
         self._since = 0
         self._epoch: Epoch | None = None
         self._departed: dict[str, Any] = {}
+        self._cells: MapCells | None = None
+        self._draw_due = 0.0
 
     def map_of(self, tape: Tape, epoch: Epoch, elapsed: float) -> None:
         """Hear the robot's own SLAM: which map it is, the newest map, and the pose in it."""
         loaded = (epoch.reset, len(epoch.start))
         self.inbox.plain.tell(self.name, epoch, loaded)
         cells = tape.map_at(elapsed)
-        if cells is not None:
+        if cells is not None and (cells is not self._cells or epoch != self._epoch):
+            self._cells = cells
             self.inbox.keep(self.name, PLAIN_MAP, PlainMap(cells, loaded), cells.values.size, same)
         pose = TimedPose(1e-9 * self.clock.stamp(self._now), tape.pose_at(elapsed),
                          POSE_COVARIANCE)
@@ -127,8 +132,10 @@ class Station:
         self._tell_pose(now)
         self._hand_on(now)
         self.session.attempt(self.clock.steady(now))
-        drawn = self.session.draw()
-        self.drawn = self.drawn if drawn is None else drawn
+        if now >= self._draw_due:
+            self._draw_due = now + DRAW_EVERY
+            drawn = self.session.draw()
+            self.drawn = self.drawn if drawn is None else drawn
 
     def _tell_pose(self, now: float) -> None:
         """Tell where the robot is, if it moved."""

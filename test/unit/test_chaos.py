@@ -1,0 +1,117 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Teams in simulated time under random faults: some seeds always, some fresh ones every time."""
+
+from functools import cache
+import secrets
+import time
+
+import numpy as np
+import pytest
+from somfusion_ros.geometry import Pose
+from somfusion_ros.simulation.chaos.campaign import error_of, Outcome, run_seed, shrink, Team
+from somfusion_ros.simulation.chaos.faults import Fault
+from somfusion_ros.simulation.chaos.matching import Matching
+from somfusion_ros.simulation.chaos.network import Conditions, Network
+from somfusion_ros.simulation.chaos.station import world_of
+from somfusion_ros.simulation.chaos.tapes import record_all, Tape
+
+FIXED = (0, 3, 10)      # the last one found that a liar's word made others drop a map
+FRESH = 30.0            # [s] of fresh seeds
+
+
+@cache
+def tapes() -> list[Tape]:
+    """Record what real SLAM sessions make of five drives, once."""
+    return record_all(30.0, robots=(0, 1))
+
+
+@cache
+def matching() -> Matching:
+    """Remember what was matched."""
+    return Matching()
+
+
+def said(outcome: Outcome) -> str:
+    """Say what broke, and how to see it again."""
+    return (f'python benchmarks/chaos.py --seed {outcome.seed}: {outcome.broken}; '
+            f'{[str(fault) for fault in outcome.faults]}')
+
+
+@pytest.mark.parametrize('seed', FIXED)
+def test_a_team_survives_what_a_seed_chooses(seed: int) -> None:
+    outcome = run_seed(seed, tapes(), matching())
+    assert not outcome.broken, said(outcome)
+    assert outcome.accepted > 0
+
+
+@pytest.mark.system
+def test_a_team_survives_fresh_seeds() -> None:
+    until = time.monotonic() + FRESH
+    while time.monotonic() < until:
+        outcome = run_seed(secrets.randbelow(10 ** 9), tapes(), matching())
+        assert not outcome.broken, said(outcome)
+
+
+def test_the_same_seed_is_the_same_run_bit_for_bit() -> None:
+    first, second = (run_seed(5, tapes(), Matching()) for _ in range(2))
+    assert first.faults == second.faults
+    assert first.digest == second.digest != b''
+    assert run_seed(6, tapes(), matching()).digest != first.digest
+
+
+def test_what_breaks_is_found_and_shrunk_to_the_faults_that_matter(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """A session that raises when it meets a ghost: two of three faults have no part in it."""
+    faults = [Fault(10.0, 'loss', 'robot1', 10.0, 0.1),
+              Fault(12.0, 'reset', 'robot1', 1.0, 0.1),
+              Fault(14.0, 'clock step', 'robot1', 1.0, 0.1)]
+    honest = Team._strike
+
+    def strike(team: Team, fault: Fault, now: float) -> None:
+        honest(team, fault, now)
+        if fault.kind == 'reset':
+            station = team.robots['robot1'].station
+            assert station is not None
+            monkeypatch.setattr(station, 'work', lambda now: 1 / 0)
+    monkeypatch.setattr(Team, '_strike', strike)
+    broken = run_seed(1, tapes(), matching(), faults)
+    assert any('ZeroDivisionError' in text for text in broken.broken)
+    assert [fault.kind for fault in shrink(broken, tapes(), matching()).faults] == ['reset']
+
+
+def test_a_wrong_transform_would_be_found() -> None:
+    first, second = tapes()[:2]
+    truth = error_of(Pose(), first, first)
+    assert truth == 0.0
+    assert error_of(Pose(1.0, 0.0, 0.0), first, first) == pytest.approx(1.0)
+    assert error_of(Pose(), first, tapes()[-1]) == np.inf
+    assert second.place == first.place
+
+
+def test_a_robot_that_is_restarted_in_another_building_loses_its_place() -> None:
+    """Within a match period, though the match is refused: what was said of its map has lapsed."""
+    faults = [Fault(40.0, 'slam restart elsewhere', 'robot2', 1.0, 0.0)]
+    team = Team(2, faults, tapes(), matching())
+    team.robots = dict(list(team.robots.items())[:2])
+    outcome = team.run()
+    assert not outcome.broken, said(outcome)
+    for robot in team.robots.values():
+        assert robot.station is not None
+        assert set(world_of(robot.station)) == {robot.name}
+        assert any('robot2 began another map' in word for word in robot.station.words)
+
+
+def test_a_network_brings_the_newest_through_loss_and_a_cut() -> None:
+    network = Network(np.random.default_rng(0))
+    network.subscribe('b', 'a', 'state', 0.0)
+    network.conditions = Conditions(loss=0.6, cut=frozenset('b'))
+    for number in range(5):
+        network.publish('a', 'state', number, 10, float(number))
+    assert not list(network.deliver(20.0))
+    network.conditions = Conditions(loss=0.6)
+    came = [one.message.payload for at in range(20, 60) for one in network.deliver(float(at))]
+    assert came[-1] == 4
+    network.leave('a')
+    network.subscribe('c', 'a', 'state', 61.0)
+    assert not list(network.deliver(90.0))
