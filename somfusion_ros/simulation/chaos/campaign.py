@@ -7,55 +7,22 @@ A run that breaks an invariant says which, and shrinks to the faults that are ne
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from hashlib import blake2b
 
 import numpy as np
-from somfusion_ros.geometry import between, Pose, wrap
-from somfusion_ros.grid import Grid
 from somfusion_ros.simulation.chaos.faults import choose, Fault, LAST
+from somfusion_ros.simulation.chaos.invariants import Invariants
 from somfusion_ros.simulation.chaos.liar import Liar
 from somfusion_ros.simulation.chaos.matching import Matching
 from somfusion_ros.simulation.chaos.network import Conditions, Network
+from somfusion_ros.simulation.chaos.records import Outcome, Robot
 from somfusion_ros.simulation.chaos.station import Clock, Station, world_of
 from somfusion_ros.simulation.chaos.tapes import Tape
 from somfusion_ros.slam.epoch import Epoch
 
 TICK = 0.5           # [s] of simulated time between two steps
 SETTLED = 30.0       # [s] after the last fault in which all must agree
-EQUAL = 0.999        # share of the known cells in which all global maps must agree
-SURE = 3.5           # sigmas, and
-NEAR = 0.5           # [m] within which an accepted transform must be
-HALF = 0.5           # of evidence; cells that differ by less say the same
 LOOK = 2.0           # [s] between two looks at who is there
-
-
-@dataclass
-class Robot:
-    """One robot: what it drives, since when, under which epoch, and its fusion node if it runs."""
-
-    name: str
-    tape: Tape
-    clock: Clock
-    started: float = 0.0
-    epoch: Epoch = Epoch('', 0)
-    station: Station | None = None
-    off: bool = False
-    spoilt: bool = False     # its map is wrong: it was kidnapped
-    starts: int = 0
-
-
-@dataclass
-class Outcome:
-    """What a run found: broken invariants; accepted transforms, and how many lie too far off."""
-
-    seed: int
-    faults: list[Fault]
-    broken: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-    accepted: int = 0
-    joined: bool = False
-    digest: bytes = b''
 
 
 class Team:
@@ -75,6 +42,7 @@ class Team:
         self.faults = choose(names, rng) if faults is None else list(faults)
         self.liars: dict[str, Liar] = {}
         self.outcome = Outcome(seed, self.faults)
+        self._invariants = Invariants(self.robots, self.outcome)
         self._seed = seed
         for robot in self.robots.values():
             self._begin(robot, 0.0)
@@ -97,7 +65,7 @@ class Team:
             self._step(now)
         self.outcome.seconds, self.outcome.digest = now, self._digest()
         if not self.outcome.broken:
-            self._check_agreement()
+            self._invariants.agreement()
         return self.outcome
 
     def _digest(self) -> bytes:
@@ -127,7 +95,7 @@ class Team:
                 if robot.station is not None and not robot.off:
                     robot.station.map_of(robot.tape, robot.epoch, now - robot.started)
                     robot.station.work(now)
-                    self._check_accepted(robot)
+                    self._invariants.accepted(robot)
         except Exception as error:  # noqa: B902 (whatever is raised is a find)
             self.outcome.broken.append(f'{now:.1f} s: raised {error!r}')
 
@@ -209,78 +177,6 @@ class Team:
         """Stop a fusion node, or the whole robot."""
         robot.off, robot.station = off, None
         self.network.leave(robot.name)
-
-    def _check_accepted(self, robot: Robot) -> None:
-        """Check that what two honest robots accept now is true."""
-        assert robot.station is not None
-        for c in robot.station.session.snapshot.constraints:
-            pair = [self.robots.get(name) for name in c.robots]
-            if any(one is None or one.spoilt or one.epoch != epoch
-                   for one, epoch in zip(pair, c.epochs)):
-                continue
-            target, source = (one for one in pair if one is not None)
-            self.outcome.accepted += 1
-            wrong = error_of(c.T_target_source, target.tape, source.tape)
-            sigma = np.sqrt(np.trace(c.covariance[:2, :2]))
-            if wrong > max(NEAR, SURE * sigma):
-                self.outcome.broken.append(
-                    f'{robot.name} accepted {c.target} - {c.source}, off by {wrong:.2f} m')
-
-    def _check_agreement(self) -> None:
-        """Check that all that can talk hold the same global map."""
-        stations = [robot.station for robot in self.robots.values()
-                    if robot.station is not None and not robot.off]
-        groups: dict[frozenset[str], list[Station]] = {}
-        for station in stations:
-            world = frozenset(world_of(station).keys() & self.robots.keys())
-            groups.setdefault(world, []).append(station)
-            if station.name not in world:
-                self.outcome.broken.append(f'{station.name} is not in its own world')
-        for world, members in groups.items():
-            there = {name for name in world if self.robots[name].station is not None}
-            if {one.name for one in members} != there:
-                self.outcome.broken.append(
-                    f'{[one.name for one in members]} say that they are {sorted(world)}')
-            self.outcome.joined |= len(world) > 1
-            self._compare(members)
-
-    def _compare(self, members: list[Station]) -> None:
-        """Check that poses and drawn maps of one group are the same."""
-        first = world_of(members[0])
-        drawn = [one.drawn for one in members if one.drawn is not None]
-        if len(first) > 1 and len(drawn) == len(members):
-            for grid in drawn[1:]:
-                share = alike(drawn[0], grid)
-                if share < EQUAL:
-                    self.outcome.broken.append(f'global maps of {[one.name for one in members]} '
-                                               f'agree in {share:.4f} only')
-        for other in members[1:]:
-            for name, pose in world_of(other).items():
-                off = np.subtract(first.get(name, pose), pose)
-                if name in self.robots and (np.hypot(off[0], off[1]) > 0.05
-                                            or abs(wrap(off[2])) > 0.01):
-                    self.outcome.broken.append(
-                        f'{members[0].name} and {other.name} place {name} '
-                        f'{np.hypot(off[0], off[1]):.2f} m apart')
-
-
-def error_of(T_target_source: Pose, target: Tape, source: Tape) -> float:
-    """How far off [m] a transform of two tapes' maps is; inf between two buildings."""
-    if target.place != source.place:
-        return float('inf')
-    truth = between(target.T_place_map, source.T_place_map)
-    return float(np.hypot(*(between(truth, T_target_source)[:2])))
-
-
-def alike(one: Grid, other: Grid) -> float:
-    """Share of the cells known to either map in which both say the same, within a cell."""
-    points = one.points(one.known)
-    cells = other.point_to_cell(points)
-    inside = ((cells >= 0) & (cells < other.shape)).all(1)
-    same = np.zeros(len(points), bool)
-    theirs = other.evidence[tuple(cells[inside].T)]
-    same[inside] = np.abs(theirs - one.evidence[one.known][inside]) < HALF
-    return float(same.sum() / max(len(points), np.count_nonzero(other.known)))
 
 
 def run_seed(seed: int, tapes: Sequence[Tape], matching: Matching,
