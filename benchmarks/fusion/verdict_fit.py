@@ -21,7 +21,7 @@ MEASURES = list(dict.fromkeys(name for _, name in TERMS if name != 'constant'))
 SEVERE = 4.0     # a false accept counts as so many refusals
 # Real pairs of which there are few count for more: two robots, mesh maps, years and storeys. Drawn
 # storeys, of which some differ in one wall of ten, count for less.
-CARE = {'team': 30.0, 'mesh': 4.0, 'floors': 16.0, 'real_storeys': 1.0 / 6.0, 'storeys': 1.0 / 3.0}
+CARE = {'team': 60.0, 'mesh': 8.0, 'floors': 32.0, 'real_storeys': 1.0 / 6.0, 'storeys': 1.0 / 3.0}
 LEAST = {'ratio': 1.0}     # of a weight: half of all wall against is too much, whatever the rest
 SEEN = ('matched', 'against', 'fine', 'fine_against', 'overlap', 'weak', 'weak_against', 'V',
         'solid', 'solid_against', 'common', 'strain', 'scale')
