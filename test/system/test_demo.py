@@ -12,12 +12,13 @@ from helpers import fake_grid, fake_room, ROOT, ros_environment
 import numpy as np
 import pytest
 from somfusion_ros.geometry import inverse, Pose
-from somfusion_ros.io.result import write_robot_map
+from somfusion_ros.io.result import read_evidence, write_robot_map
 from somfusion_ros.io.trajectories import write_tum
 from somfusion_ros.ros.apps import demo, demo_team
 from somfusion_ros.ros.apps.demo_picture import draw_live
 from somfusion_ros.ros.apps.demo_table import compare, table
 from somfusion_ros.ros.apps.processes import Processes
+from somfusion_ros.team.wall_agreement import wall_agreement
 
 TRUTH = Pose(4.0, -1.0, 0.5)
 MAP = {'count': 3, 'width': 10, 'height': 20, 'frame': 'world', 'stamp': 1.0}
@@ -172,3 +173,8 @@ def test_demonstration_from_nothing(tmp_path: Path) -> None:
         assert pair['error'][1] < 5.0
     assert (tmp_path / 'out' / 'live.png').exists()
     assert 'truth' in result.stdout
+    live = tmp_path / 'out' / 'live'
+    for robot in ('robot1', 'robot2'):     # the views were told, and asked
+        assert 'views confirm' in (live / 'logs' / f'fusion_{robot}.log').read_text()
+    one, other = (read_evidence(live / robot / 'global_map') for robot in ('robot1', 'robot2'))
+    assert wall_agreement(one, other) > 0.97
