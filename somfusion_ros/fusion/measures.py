@@ -46,6 +46,8 @@ class MeasureSettings:
         0.1, 'm/m', 'more of it for every metre from the walls that hold the maps together: six '
         'degrees of turn; with half of it years are nearer to storeys', 'doc/fusion.md')
     held_every: int = tuned(3, 'clusters', 'of those walls one is looked at', 'by design')
+    held_most: int = tuned(
+        400, 'clusters', 'of those walls are looked at: bounds time and memory', 'by design')
 
 
 MEASURES = MeasureSettings()
@@ -218,7 +220,8 @@ class _Way:
         weight = self.seen.features.weights * self.seen.structure
         against = (self.clearance > MEASURES.clear) & (weight > 0.0)
         for row in np.flatnonzero(against.any(1)):
-            held = self.at[:, row, self.near[row] & (weight > 0.0)][:, ::MEASURES.held_every]
+            held = self.at[:, row, self.near[row] & (weight > 0.0)]
+            held = held[:, ::max(MEASURES.held_every, held.shape[1] // MEASURES.held_most)]
             lost = np.flatnonzero(against[row])
             if held.shape[1]:
                 away = self.at[:, row, lost, None] - held[:, None]

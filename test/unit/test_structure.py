@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.fusion import rasters
+from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.fusion.deformation import bend
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
@@ -16,6 +17,7 @@ from somfusion_ros.fusion.measures import measure
 from somfusion_ros.fusion.mirror import mirror
 from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.team.snapshot import Snapshot
 
 HERE = np.zeros((1, 3))
 
@@ -105,3 +107,12 @@ def test_a_lookout_faces_what_tells_two_poses_apart() -> None:
     assert place is not None and 3.0 < place.x < 7.0 and 0.0 < place.y < 8.0
     assert np.cos(place.theta) > 0.5
     assert lookout(target, source, np.zeros(3), np.zeros(3)) is None
+
+
+def test_every_robot_is_told_the_places_in_its_own_map() -> None:
+    """The map of the first name is the target: each robot gets the pose in its own frame."""
+    here, there = Pose(1.0, 2.0, 0.0), Pose(-3.0, 0.5, 1.0)
+    verdict = Alignment(accepted=False, probability=0.4, reason='ambiguous: ...',
+                        lookout_target=here, lookout_source=there)
+    assert Snapshot(verdicts={'robot2': verdict}).lookouts('robot1') == [here]
+    assert Snapshot(verdicts={'robot1': verdict}).lookouts('robot2') == [there]
