@@ -115,7 +115,7 @@ def _deformation(warp: Warp, points: Array, moved: Array, weights: Array) -> Def
 
 def _solve(basis: NDArray[np.float32], normal: Array, pull: Array, wanted: Array,
            stiffness: Array) -> NDArray[np.float32]:
-    """Displacements (2, n) of the nodes that move points (M,) by `wanted` along their normals."""
+    """Solve for the moves (2, n) of nodes that move points (M,) by `wanted` along normals."""
     root = np.sqrt(pull)
     rows = np.concatenate([basis.T * (root * across) for across in normal])
     H = stiffness + rows @ rows.T
@@ -125,7 +125,7 @@ def _solve(basis: NDArray[np.float32], normal: Array, pull: Array, wanted: Array
 @lru_cache(maxsize=256)
 def _stiffness(rows: int, columns: int) -> Array:
     """
-    Quadratic form (2 n, 2 n) of a warp's stretch, shear and bending, x before y.
+    Return the quadratic form (2 n, 2 n) of a warp's stretch, shear and bending, x before y.
 
     For a lattice of unit spacing: it falls with the square of the spacing.
     """

@@ -106,7 +106,7 @@ def _learn(grid: Grid, config: FusionConfig, cache: FusionCache) -> LearnedMap:
 
 
 def _segments(grid: Grid, config: FusionConfig) -> tuple[Index, Index]:
-    """Wall cells (N, 2) as (row, column) and their segments (N,), without dust."""
+    """Return the wall cells (N, 2) as (row, column) and their segments (N,), without dust."""
     cells = np.column_stack(np.divmod(np.flatnonzero(grid.occupied), grid.shape[1]))
     radius = max(1.5, config.segment_radius / grid.resolution)
     labels = segmentation.segment(cells, grid.shape, radius)

@@ -67,7 +67,7 @@ def lookout(target: LearnedMap, source: LearnedMap, first: Array, second: Array)
 
 
 def _lattice(target: LearnedMap) -> tuple[NDArray[np.float32], tuple[int, int], float]:
-    """Places (2, N) of a lattice over what a map shows, its shape and step [m]."""
+    """Return the places (2, N) of a lattice over what a map shows, its shape and step [m]."""
     low, high = target.cells.min(0) - LOOKOUT.sight, target.cells.max(0) + LOOKOUT.sight
     step = max(LOOKOUT.step, float(np.sqrt(np.prod(high - low) / LOOKOUT.places)))
     x, y = (np.arange(a, b, step, dtype=np.float32) for a, b in zip(low, high, strict=True))

@@ -178,11 +178,11 @@ class _Way:
         self.on = found.agrees & (np.abs(found.off) <= RASTERS.tolerance)
 
     def lengths(self) -> Array:
-        """Length (2, B) [m] of wall of the clusters on a wall, and on free space."""
+        """Return the length (2, B) [m] of wall of the clusters on a wall, and on free space."""
         return tally(self.clusters, self.seen.clusters)
 
     def cells(self) -> Array:
-        """Length (2, B) [m] of wall of the cells on a wall, and on free space."""
+        """Return the length (2, B) [m] of wall of the cells on a wall, and on free space."""
         return tally_cells(self.likelihood, self.probes, self.seen)
 
     def information(self) -> Array:
@@ -193,7 +193,7 @@ class _Way:
 
     def places(self, axis: Array) -> Array:
         """
-        Evidence (2, B) along axes (B, 2) of this map's frame: matched, and against [m].
+        Return the evidence (2, B) along axes (B, 2) of this map's frame: matched, and against [m].
 
         Walls across an axis fix the place along it. What lies within one metre along the axis is
         one place and counts up to `place`: two end walls may meet by chance, many doors do not.
@@ -213,7 +213,7 @@ class _Way:
 
     def solid(self) -> Array:
         """
-        Length (2, B) [m] of straight wall on a wall, and where all around is known to be free.
+        Return (2, B) [m] of straight wall on a wall, and where all around is known free.
 
         How far around grows with the distance from the walls that hold the maps together.
         """
@@ -231,11 +231,11 @@ class _Way:
         return np.stack([self.near @ weight, against @ weight])
 
     def common_area(self) -> Array:
-        """Area (B,) that both maps saw free [m2]."""
+        """Return the area (B,) that both maps saw free [m2]."""
         return np.asarray(np.count_nonzero(self.free & FREE, axis=1) * self.seen.free_share)
 
     def free_agreement(self) -> tuple[Array, Array]:
-        """Share (B,) of free places that the other map knows; agreeing and not, (2, B)."""
+        """Return share (B,) of free places that the other map knows; agreeing and not, (2, B)."""
         wall = np.count_nonzero(self.free & WALL, axis=1)
         free = np.count_nonzero(self.free & FREE, axis=1)
         return (wall + free) / max(self.free.shape[1], 1), np.stack([free, wall]).astype(float)

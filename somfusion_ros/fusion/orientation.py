@@ -58,7 +58,7 @@ def histogram(normals: Array, weights: Array, sided: Array, sigma: float = 2.0) 
 
 
 def correlate(target: Array, source: Array) -> Array:
-    """Circular cross-correlation: [k] is the agreement when the source turns by k bins."""
+    """Return circular cross-correlation: [k] is the agreement when the source turns by k bins."""
     a, b = target - target.mean(), source - source.mean()
     scale = float(np.linalg.norm(a) * np.linalg.norm(b))
     product = np.fft.rfft(a) * np.conj(np.fft.rfft(b))
@@ -67,7 +67,7 @@ def correlate(target: Array, source: Array) -> Array:
 
 
 def peaks(correlation: Array, count: int, apart: int = 12) -> Array:
-    """Highest `count` local maxima of a circular array, at least `apart` bins apart [rad]."""
+    """Return the highest maxima of a circular array, `apart` bins or more apart [rad]."""
     rest, found = correlation.copy(), list[float]()
     top = correlation.max()
     while len(found) < count:
@@ -84,7 +84,7 @@ def peaks(correlation: Array, count: int, apart: int = 12) -> Array:
 
 def radon(points: Array, weights: Array, directions: Array, cell: float) -> Array:
     """
-    Radon image: for each direction (D,) [rad] how much wall lies at each offset along it.
+    Return a Radon image: for each direction (D,) [rad] how much wall lies at each offset along it.
 
     The origin of the offsets is the points' weighted mean; shape (D, offsets of edge `cell` [m]).
     """
@@ -104,7 +104,7 @@ def radon(points: Array, weights: Array, directions: Array, cell: float) -> Arra
 
 
 def spectrum(image: Array) -> Array:
-    """Sharpness of each projection, (D,): long walls seen edge-on make high peaks (5), (6)."""
+    """Return sharpness per projection (D,): walls seen edge-on make high peaks (5), (6)."""
     return np.asarray(np.einsum('do,do->d', image, image))
 
 
@@ -130,12 +130,12 @@ def tune(coarse: Array, target: Array, source: Array) -> Array:
 
 
 def directions() -> Array:
-    """Directions [rad] of the Radon images: half a turn."""
+    """Return the directions [rad] of the Radon images: half a turn."""
     return np.radians(np.arange(180 * ORIENTATION.per_degree) / ORIENTATION.per_degree)
 
 
 def families(angles: Array, apart: float = np.radians(3.0)) -> Array:
-    """Angles modulo a quarter turn [rad] without repeats, best first: four hypotheses each."""
+    """Return angles modulo a quarter turn [rad], best first, each as four hypotheses."""
     quarter, kept = np.pi / 2.0, list[float]()
     for angle in angles % quarter:
         off = [abs((angle - other + quarter / 2.0) % quarter - quarter / 2.0) for other in kept]

@@ -58,7 +58,7 @@ class Raster:
     outside: float
 
     def at(self, points: NDArray[np.float32]) -> Array:
-        """Values (...) at points (2, ...) [m] of the map frame."""
+        """Return the values (...) at points (2, ...) [m] of the map frame."""
         c, s, across, up = self._to_cells
         x, y = points
         column, row = (x * c, y * c) if s == 0.0 else (x * c - y * s, x * s + y * c)
@@ -83,7 +83,7 @@ class Raster:
 
 def zones(grid: Grid, walls: Index, cell: float) -> Raster:
     """
-    Raster of flags: NEAR a wall or a WALL itself, known to be FREE and no wall.
+    Return the raster of flags: NEAR a wall or a WALL itself, known to be FREE and no wall.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def clearance(zones_of_map: Raster) -> Raster:
 
 def likelihood(points: Array, cell: float) -> Raster:
     """
-    Likelihood field of walls: 255 on a wall of points (N, 2) [m], falling within two cells.
+    Return likelihoods: 255 on a wall of points (N, 2) [m], falling within two cells.
 
     A speck counts for less than a wall. Cells of edge `cell` [m] and a blur of one cell.
     """
@@ -138,7 +138,7 @@ def free_places(raster: Raster, count: int) -> Array:
 
 
 def nearest(points: Array, cell: float, margin: float) -> Raster:
-    """Index of the nearest of points (N, 2) [m], at least one, up to `margin` [m] around them."""
+    """Index the nearest of points (N, 2) [m], at least one, up to `margin` [m] around them."""
     low = points.min(0) - margin
     width, height = np.ceil((points.max(0) + margin - low) / cell).astype(int) + 1
     x, y = ((points - low) / cell).astype(np.intp).T
@@ -153,7 +153,7 @@ def nearest(points: Array, cell: float, margin: float) -> Raster:
 
 def nearby(points: Array, cell: float, reach: float) -> Raster:
     """
-    Index of the nearest of points (N, 2) [m], at least one, of those up to `reach` [m] away.
+    Index the nearest of points (N, 2) [m], at least one, of those up to `reach` [m] away.
 
     Every point is drawn with its surroundings, the furthest of all first: much faster than
     `nearest`, which knows no reach, unless the points lie dense.
@@ -173,6 +173,6 @@ def nearby(points: Array, cell: float, reach: float) -> Raster:
 
 
 def _disc(radius: float) -> NDArray[np.uint8]:
-    """Disc of a radius [cells], as a mask."""
+    """Return the disc of a radius [cells], as a mask."""
     reach = np.arange(-int(radius + ROUNDING), int(radius + ROUNDING) + 1)
     return (np.hypot(reach[:, None], reach) <= radius + ROUNDING).astype(np.uint8)

@@ -21,7 +21,7 @@ def scores(poses: Array, target: LearnedMap, source: LearnedMap, every: int = 1)
 
 
 def tally(zones: NDArray[np.uint8], clusters: Clusters) -> Array:
-    """Length (2, B) [m] of wall in zones (B, K) near a wall, and in free ones away from walls."""
+    """Return (2, B) [m] of wall in zones (B, K) near a wall, and in free ones away from it."""
     weights = clusters.weights.astype(np.float32)
     alone = (zones & (FREE | NEAR)) == FREE
     return np.stack([((zones & NEAR) == NEAR) @ weights, alone @ weights])
@@ -29,7 +29,7 @@ def tally(zones: NDArray[np.uint8], clusters: Clusters) -> Array:
 
 def fine(poses: Array, target: LearnedMap, source: LearnedMap) -> Array:
     """
-    Wall cells of both maps on the other's likelihood field, for hypotheses (B, 3).
+    Return the wall cells of both maps on the other's likelihood field, for hypotheses (B, 3).
 
     Returns
     -------
@@ -45,14 +45,14 @@ def fine(poses: Array, target: LearnedMap, source: LearnedMap) -> Array:
 
 def tally_cells(likelihood: NDArray[np.uint8], zones: NDArray[np.uint8],
                 seen: LearnedMap) -> Array:
-    """Length (2, B) [m] of wall cells (B, P) on a wall, and on what is known to be free."""
+    """Return length (2, B) [m] of wall cells (B, P) on a wall, and on what is known to be free."""
     against = np.where(zones & FREE, 255 - likelihood, 0)
     sums = [part.sum(1, dtype=np.int64) for part in (likelihood, against)]
     return np.stack(sums) * (seen.probe_length / 255.0)
 
 
 def distinct(poses: Array, score: Array, pivot: Array, count: int) -> Array:
-    """Best `count` of hypotheses (B, 3) that differ by 0.5 m at pivot (2,) or 6 degrees."""
+    """Return best `count` of hypotheses (B, 3) that differ by 0.5 m at pivot (2,) or 6 degrees."""
     poses = poses[np.argsort(-score, kind='stable')]
     spot = place(poses, pivot[None])[:, :, 0].T
     away = np.hypot(*(spot[:, None] - spot).transpose(2, 0, 1))

@@ -51,7 +51,7 @@ def segment(cells: Cells, shape: tuple[int, int], radius: float) -> NDArray[np.i
 
 
 def _half_disc(radius: float) -> list[tuple[int, int]]:
-    """Offsets (row, column) of a disc without its centre, one of each opposite two."""
+    """Return the offsets (row, column) of a disc without its centre, one of each opposite two."""
     reach = range(-int(radius), int(radius) + 1)
     return [(r, c) for r in reach for c in reach
             if (r, c) > (0, 0) and r * r + c * c <= radius * radius]

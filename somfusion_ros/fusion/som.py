@@ -95,13 +95,13 @@ def _neighbourhoods(points: Array, segments: Index,
 
 
 def _means(points: Array, times: Array, winner: Index) -> Array:
-    """Means (K, 2) of the cells that each neuron wins, weighted by their presentations."""
+    """Return means (K, 2) of the cells that each neuron wins, weighted by their presentations."""
     mass = np.bincount(winner, times)
     return np.column_stack([np.bincount(winner, times * axis) / mass for axis in points.T])
 
 
 def _two_nearest(points: Array, centres: Array, near: Index) -> tuple[Index, Index]:
-    """Winner (N,) and runner-up (N,) of each cell among the neurons (k, N) near it."""
+    """Return winner (N,) and runner-up (N,) of each cell among the neurons (k, N) near it."""
     table = np.vstack([centres, [FAR, FAR]]).astype(np.float32).T
     found = [_two_of(points[k:k + SOM.batch], table, near[:, k:k + SOM.batch])
              for k in range(0, len(points), SOM.batch)]

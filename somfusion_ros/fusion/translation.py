@@ -40,7 +40,7 @@ def mean_shift(pose: Array, source: Clusters, target: Clusters, nearest: Raster,
                angles: Array = np.radians(TRANSLATION.angles),
                steps: int = 8) -> tuple[Array, list[float]]:
     """
-    Algorithm 2 as published: translation only, mean shift (9), 25 to 4 degrees.
+    Run Algorithm 2 as published: translation only, mean shift (9), 25 to 4 degrees.
 
     Returns the pose (3,) and the mean distance of the matches after each step [m], J of (10).
     """
@@ -77,7 +77,7 @@ def settle(poses: Array, source: Clusters, target: Clusters, nearest: Raster,
 
 def _solve(found: Matches, weight: Array) -> tuple[Array, Array]:
     """
-    Weighted point-to-line step of each of B hypotheses.
+    Return the weighted point-to-line step of each of B hypotheses.
 
     Returns steps (B, 3): shift [m] and turn [rad] about the pivots (B, 2), the weighted centres.
     """

@@ -145,12 +145,12 @@ def margins_over(item: Evidence, rivals_of_it: list[Evidence]) -> Margins:
 
 
 def _against(item: Evidence) -> float:
-    """Wall that speaks against a hypothesis, per wall that speaks for it."""
+    """Return the wall that speaks against a hypothesis, per wall that speaks for it."""
     return (item.fine_against + 0.5) / (item.fine + 0.5)
 
 
 def probability(item: Evidence, margins: Margins) -> float:
-    """Chance that a hypothesis is right, from its evidence and its margins over rivals."""
+    """Return chance that a hypothesis is right, from its evidence and its margins over rivals."""
     found = measures(item, margins)
     log_odds = [sum(weights()[test][name] * found[name] for name in names)
                 for test, names in TESTS.items()]
@@ -163,7 +163,7 @@ def soft_minimum(log_odds: Array) -> Array:
 
 
 def chance_of(log_odds: Array) -> Array:
-    """Probability of log odds, any shape."""
+    """Return the probability of log odds, any shape."""
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(log_odds, -30.0, 30.0))))
 
 

@@ -85,7 +85,7 @@ class VoteGrid:
         return np.stack(found)
 
     def _peaks(self, votes: Array, count: int) -> NDArray[np.intp]:
-        """Highest local maxima (count, 2) as signed shifts (x, y) [bins]."""
+        """Return the highest local maxima (count, 2) as signed shifts (x, y) [bins]."""
         peak = np.flatnonzero(votes >= cv2.dilate(votes, np.ones((3, 3), np.uint8)))
         height = votes.ravel()[peak]
         if len(peak) > count:
@@ -96,7 +96,7 @@ class VoteGrid:
         return np.where(shift > self.size // 2, shift - self.size, shift)
 
     def _draw(self, clusters: Clusters, places: Array, normals: Array) -> NDArray[np.complex64]:
-        """Whitened transform of clusters drawn at places (K, 2) [m] around the grid's origin."""
+        """Return the whitened transform of clusters at (K, 2) [m] around the grid's origin."""
         value = clusters.weights * clusters.straight * (normals[:, 0] + 1j * normals[:, 1]) ** 2
         low = np.floor(places / self.bin).astype(np.intp)
         part = places / self.bin - low
@@ -115,19 +115,19 @@ class VoteGrid:
 
 
 def _transform(image: NDArray[np.complex64], flags: int = 0) -> NDArray[np.complex64]:
-    """Discrete Fourier transform (N, N), or N * N times its inverse."""
+    """Return the discrete Fourier transform (N, N), or N * N times its inverse."""
     pairs = image.view(np.float32).reshape(*image.shape, 2)
     return cv2.dft(pairs, flags=flags).view(np.complex64)[:, :, 0]
 
 
 def _quarter_turn(spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    """Spectrum of the image turned by 90 degrees counter-clockwise about the grid's origin."""
+    """Return the spectrum of the image turned by 90 degrees about the grid's origin."""
     # f'(x, y) = f(y, -x), so F'(kx, ky) = F(ky, -kx): rows are y, columns x.
     flipped = np.roll(spectrum[::-1], 1, axis=0)    # ky -> -ky
     return np.ascontiguousarray(flipped.T)
 
 
 def _extent(points: Array) -> tuple[Array, float, float]:
-    """Centre (2,) and longer side of the points' bounding box, and their reach around it [m]."""
+    """Return centre (2,) and longer side of the points' box, and their reach around it [m]."""
     centre, sides = (points.min(0) + points.max(0)) / 2.0, np.ptp(points, axis=0)
     return centre, float(sides.max()), float(np.hypot(*(points - centre).T).max())

@@ -19,7 +19,7 @@ class Warp:
     spacing: float
 
     def at(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Displacement (2, ...) [m] at points (2, ...) [m] of the target's frame."""
+        """Return the displacement (2, ...) [m] at points (2, ...) [m] of the target's frame."""
         flat = points.reshape(2, -1)
         index, share = lattice_shares(flat, self.corner, self.spacing,
                                       self.displacements.shape[:2])
@@ -30,7 +30,7 @@ class Warp:
 
 def lattice_shares(points: Array, corner: Array, spacing: float,
                    shape: tuple[int, int]) -> tuple[Index, NDArray[np.float32]]:
-    """Nodes (4, N) around points (2, N), clipped to the lattice, and their shares (4, N)."""
+    """Return nodes (4, N) of the lattice around points (2, N), and their shares (4, N)."""
     rows, columns = shape
     x, y = ((points - np.asarray(corner, points.dtype)[:, None]) / spacing).astype(np.float32)
     x, y = np.clip(x, 0.0, columns - 1.001), np.clip(y, 0.0, rows - 1.001)
