@@ -90,7 +90,7 @@ def widen(covariance: Array, pose: Array, source: LearnedMap, warp: Warp) -> Arr
 
 def _residuals(pose: Array, target: LearnedMap, source: LearnedMap, reach: float,
                few: bool = False) -> tuple[Array, Array, Array]:
-    """Return the Jacobian (M, 3) in (x, y, theta) of the pose, wanted moves (M,) and weights (M,)."""
+    """Return Jacobian (M, 3) in (x, y, theta) of the pose, moves (M,) and weights (M,)."""
     rows = []
     R = rotation(pose[2])
     for seen, by, forth in ((source, target, True), (target, source, False)):
