@@ -49,45 +49,49 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
 
     Examples
     --------
-    >>> import numpy as np
     >>> from somfusion_ros.grid import Grid
     >>> for name in ('a', 'b'):
-    ...     path = write_map(name, Grid(np.ones((40, 40)), 0.05))     # no wall in either
+    ...     path = write_map(name, Grid([[1.0, 1.0]], 0.05))     # no wall in either
     >>> record = merge(['a/map.yaml', 'b/map.yaml'], 'out', pictures=False)
     a <- b: refused...
     >>> record['pairs'][0]['accepted'], record['unconnected']
     (False, ['b'])
     """
     started, config = time.perf_counter(), config or FusionConfig()
-    if len(paths) < 2:
-        raise MapError('merge needs at least two maps')
     files = [yaml_of(Path(path)) for path in paths]
     refuse_twice(files)
-    names = map_names(files)
-    grids = {name: read_map(path) for name, path in zip(names, files)}
+    named = dict(zip(map_names(files), files))
+    grids = {name: read_map(path) for name, path in named.items()}
     folder = make_folder(output)
     for name, grid in grids.items():
         write_robot_map(folder / name, grid)
     fusion = fuse_with_progress(grids, config, pictures)
     bent = None if rigid or len(fusion.world) < 2 else merge_bent(grids, fusion.world, config)
     write_map(folder, bent.whole if bent else fusion.global_map)
-    robots = {name: {'map': str(path)} for name, path in zip(names, files)}
-    record = {'command': 'merge', 'version': __version__,
-              'fusion_config': asdict(config), 'robots': robots, **fusion_record(fusion),
+    record = {'command': 'merge', 'version': __version__, 'fusion_config': asdict(config),
+              'robots': {name: {'map': str(path)} for name, path in named.items()},
+              **fusion_record(fusion),
               'bend_m': bent.bends if bent else {}, 'map': 'map.yaml',
               'seconds': time.perf_counter() - started}
     write_result(folder, record)
-    tell_fusion(record, str(folder / 'map.yaml'))
-    for name, far in record['bend_m'].items():
-        if far:
-            say(f'{name} was bent by up to {far:.2f} m')
+    tell_merge(record, folder)
     if pictures:
         draw(folder, fusion)
     return record
 
 
+def tell_merge(record: dict[str, Any], folder: Path) -> None:
+    """Report which maps were joined, where they lie, and how far they were bent."""
+    tell_fusion(record, str(folder / 'map.yaml'))
+    for name, far in record['bend_m'].items():
+        if far:
+            say(f'{name} was bent by up to {far:.2f} m')
+
+
 def refuse_twice(paths: Sequence[Path]) -> None:
-    """Raise MapError where two YAML files name one image: a map fits itself, and says nothing."""
+    """Raise MapError unless there are two maps: where files name one image, it fits itself."""
+    if len(paths) < 2:
+        raise MapError('merge needs at least two maps')
     seen: dict[Path, Path] = {}
     for path in paths:
         image = image_of(path).resolve()
