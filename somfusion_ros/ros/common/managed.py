@@ -95,7 +95,7 @@ class ManagedNode(LifecycleNode):
                                             callback_group=self._waiting)
 
     async def _serve(self, job: Callable[[Any], str], request: Any, response: Any) -> Any:
-        """Let the thread do a job and wait for it; callbacks go on meanwhile."""
+        """Have the thread do a job, and wait for it; callbacks go on meanwhile."""
         if self.active:
             done = Future(executor=self.executor)
             self._pending.add(done)
@@ -167,7 +167,7 @@ class ManagedNode(LifecycleNode):
 
     def _step(self, step: Callable[[], None],
               undo: Callable[[], None] = lambda: None) -> TransitionCallbackReturn:
-        """Take one step of the life cycle; a failure is logged, undone and reported."""
+        """Run one step of the life cycle; log, undo and report a failure."""
         try:
             step()
         except Exception as error:

@@ -38,7 +38,7 @@ class Worker:
         self._jobs.put(job)
 
     def wake(self) -> None:
-        """Let the idle step run now."""
+        """Run the idle step now."""
         if self._jobs.empty():
             self._jobs.put(lambda: None)
 

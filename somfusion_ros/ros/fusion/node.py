@@ -14,8 +14,6 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.grid import Grid
-from somfusion_ros.io.maps import write_map
 from somfusion_ros.node_config import FusionNodeConfig
 from somfusion_ros.ros.common import names, parameters, qos
 from somfusion_ros.ros.common.diagnostics import Faults
@@ -27,6 +25,7 @@ from somfusion_ros.ros.common.worker import Worker
 from somfusion_ros.ros.fusion.departed_link import DepartedLink
 from somfusion_ros.ros.fusion.discovery import Discovery
 from somfusion_ros.ros.fusion.frames import Frames, team_prefix
+from somfusion_ros.ros.fusion.global_map import GlobalMap
 from somfusion_ros.ros.fusion.initial_pose import InitialPose
 from somfusion_ros.ros.fusion.own_map import OwnMap
 from somfusion_ros.ros.fusion.peer_topics import PeerTopics
@@ -48,7 +47,6 @@ from std_srvs.srv import Trigger
 
 REPORT_PERIOD = 1.0   # [s] between two diagnostics
 LOOKS_AROUND = 5      # after so many looks for others a robot takes itself for alone
-DRAWING_SHARE = 4.0   # at most one part in so many of the time goes into drawing the global map
 
 
 class FusionNode(ManagedNode):
@@ -79,10 +77,9 @@ class FusionNode(ManagedNode):
         self._view_inbox = ViewInbox(session.elastic, self._inbox.heard, self._count,
                                      time.monotonic)
         self._session = session
-        self._global: Grid | None = None
-        self._draw_due = self._repeat_due = 0.0
         self._publisher = FusionPublisher(part, self._frames, self._prefix,
                                           config.merged_map_topic)
+        self._global_map = GlobalMap(session, self._publisher, config, self._count)
         self._transforms = WorldTransforms(part, self._frames, config)
         self._peer_topics = PeerTopics(part, self._frames, session, self._inbox.heard)
         self.serve(Trigger, names.MERGE, lambda _: self._merge())
@@ -152,7 +149,7 @@ class FusionNode(ManagedNode):
         self._views.say()
         looked_around = self._discovery.looks >= LOOKS_AROUND
         self._transforms.place(snapshot, self._discovery.alive, looked_around)
-        self._draw()
+        self._global_map.update()
         self._peer_topics.publish()
         return self._session.attempt(time.monotonic()) is not None
 
@@ -163,29 +160,6 @@ class FusionNode(ManagedNode):
         if own is not None:
             self._link.share(own, self._session.epoch_of(self._name) or Epoch())
             self._publisher.learned(self._session.learned_own(), self._session.placed_peers())
-
-    def _draw(self, force: bool = False) -> None:
-        """Draw the global map where it changed, else repeat it, not more often than is good."""
-        start = time.monotonic()
-        if start < self._draw_due and not force:
-            return
-        try:
-            grid = self._session.draw()
-        except ValueError as error:
-            self._count('global_map_impossible', str(error))
-            return
-        if self._worker.stopping:
-            return
-        if grid is not None:
-            self._global = grid
-            self._publisher.global_map(grid)
-            took = time.monotonic() - start
-            self._draw_due = start + max(1.0 / self._config.merging_rate, DRAWING_SHARE * took)
-        elif start >= self._repeat_due:
-            self._publisher.repeat_global_map()
-        else:
-            return
-        self._repeat_due = time.monotonic() + self._config.map_update_interval
 
     def _publish_team(self) -> None:
         """Publish what is accepted and where the robots are, also if nothing changed."""
@@ -213,7 +187,7 @@ class FusionNode(ManagedNode):
         if result.successful:
             self._config = config
             if hasattr(self, '_session'):
-                self._session.fusion = self._fusion
+                self._session.fusion, self._global_map.config = self._fusion, config
         return result
 
     def _merge(self) -> str:
@@ -223,17 +197,14 @@ class FusionNode(ManagedNode):
         for _ in self._session.peers():
             self._session.attempt(now, force=True)
         connected = self._session.refresh().connected(self._name)
-        self._draw(force=True)
+        self._global_map.update(force=True)
         return f'connected: {", ".join(connected) or "nobody"}'
 
     def _save(self, name: str) -> str:
         """Write the global map."""
-        if self._global is None:
-            raise ValueError("there is no global map to save yet: the robot's own map has not "
-                             'come')
         stem = file_stem(self._config.map_directory, name, self.get_namespace(),
                          names.GLOBAL_MAP)
-        return f'map saved to {write_map(stem.parent, self._global, stem.name)}'
+        return self._global_map.save(stem)
 
     def _reset(self) -> str:
         """Forget all verdicts."""

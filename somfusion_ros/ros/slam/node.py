@@ -98,7 +98,7 @@ class SlamNode(ManagedNode):
             self.every(config.transform_publish_period, self._send_transform)
 
     def clean_up(self) -> None:
-        """Let another node have the state file."""
+        """Free the state file for another node."""
         if hasattr(self, '_keeper'):
             self._keeper.close()
 

@@ -177,7 +177,7 @@ class Pipeline:
         return True
 
     def _tell_found(self) -> None:
-        """Say where a lost robot was found."""
+        """Log where a lost robot was found."""
         slam = self.session.slam
         for found in slam.found[self._found:]:
             x, y, theta = slam.pose_sigma
