@@ -69,7 +69,7 @@ class CheckpointFile:
     def _forget(self) -> None:
         """Hold nothing as written."""
         self._whole = 0
-        self._views = self._constraints = self._trail = 0
+        self._views = self._constraints = self._trail = self._void = 0
         self._trail_end = np.inf        # stamp [s] of the trail's last row
         self._scans: dict[MapScan, int] = {}
         self._next_scan = 0
@@ -78,6 +78,7 @@ class CheckpointFile:
         """Hold a checkpoint as written."""
         self._views, self._constraints = len(checkpoint.clouds), len(checkpoint.constraints)
         self._trail = len(checkpoint.trail)
+        self._void = sum(len(cloud) == 0 for cloud in checkpoint.clouds)
         self._trail_end = float(checkpoint.trail[-1, 0]) if self._trail else np.inf
         for scan in checkpoint.scans:
             if scan not in self._scans:
@@ -91,6 +92,9 @@ class CheckpointFile:
         made = [_view(k, c.stamps[k], c.clouds[k]) for k in range(self._views, len(c.clouds))]
         made += [_constraint(k, c.constraints[k])
                  for k in range(self._constraints, len(c.constraints))]
+        void = [k for k in range(self._views) if not len(c.clouds[k])]
+        if len(void) > self._void:
+            made.append(packed('void', {'views': np.array(void)}))
         new = [scan for scan in c.scans if scan not in self._scans]
         made += [_map_scan(self._next_scan + k, scan) for k, scan in enumerate(new)]
         kept = set(c.scans)

@@ -15,6 +15,7 @@ from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import SHAPES, TrackerState
 
+NOTHING = Cloud(np.zeros((0, 2)), np.zeros((0, 2)))
 MADE_GOOD = np.diag([0.05, 0.05, 0.02]) ** 2   # covariance of a constraint made of the poses
 
 
@@ -65,6 +66,9 @@ def _take(read: _Read, kind: str, a: dict[str, Array]) -> None:
     elif kind == 'drop':
         for number in a['numbers'].tolist():
             read.scans.pop(number, None)
+    elif kind == 'void':
+        for k in a['views'].tolist():
+            read.views[k] = read.views.get(k, (np.nan, NOTHING))[0], NOTHING
     elif kind == 'path':
         read.trail = np.concatenate([read.trail[:int(a['first'])], a['rows'].reshape(-1, 5)])
     elif kind == 'now':
@@ -91,8 +95,7 @@ def _epoch(text: str) -> Epoch:
 def _made_good(read: _Read, newest: Checkpoint) -> Checkpoint:
     """Fill in what damaged records leave open, and leave out what hangs on nothing."""
     n = len(newest.poses)
-    empty = Cloud(np.zeros((0, 2)), np.zeros((0, 2)))
-    views = [read.views.get(k, (np.nan, empty)) for k in range(n)]
+    views = [read.views.get(k, (np.nan, NOTHING)) for k in range(n)]
     stamps = np.array([stamp for stamp, _ in views])
     known = np.isfinite(stamps)
     if not known.any():

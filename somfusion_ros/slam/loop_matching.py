@@ -128,12 +128,17 @@ def agreement_of(found: Match, cloud: Cloud, target: LocalMap) -> float:
     Judged are those that lie on it and those in space that the old views saw to be free; what
     the old views never saw says nothing.
     """
-    p = apply(found.T_map_scan, cloud.points)
+    on, against = judge(found.T_map_scan, cloud, target)
+    return on / max(on + against, 1)
+
+
+def judge(T_map_scan: Array, cloud: Cloud, target: LocalMap) -> tuple[int, int]:
+    """Count the points of a cloud at a pose (3,) on the old surface, and in free space off it."""
+    p = apply(T_map_scan, cloud.points)
     distance, _ = target.tree.query(p, distance_upper_bound=TUNING.conflict)
     far = ~np.isfinite(distance)
-    on = int((distance < TUNING.on_surface).sum())
-    against = int((far & target.seen_through(p)).sum())
-    return on / max(on + against, 1)
+    return (int((distance < TUNING.on_surface).sum()),
+            int((far & target.seen_through(p)).sum()))
 
 
 def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap) -> tuple[Match, bool]:

@@ -73,6 +73,15 @@ class MapScans:
         for scan, pose in zip(scans, poses, strict=True):
             self.add(scan, pose)
 
+    def drop(self, view: int) -> None:
+        """Drop the scans that hang on a view, or on a later one."""
+        for scan in [scan for scan in self._scans if scan.view >= view]:
+            del self._scans[scan]
+        for here in self._places.values():
+            kept = [scan for scan in here if scan in self._scans]
+            here.clear()
+            here.extend(kept)
+
     def copy(self) -> list[MapScan]:
         """Return the scans by age."""
         return list(self._scans)

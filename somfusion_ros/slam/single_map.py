@@ -168,7 +168,7 @@ class SingleMap:
     def _is_astray(self, is_due: bool) -> bool:
         """Return whether no match tells any more that the robot is where it seems to be."""
         if self._blind == 0 or len(self.graph.clouds) < TUNING.known:
-            return False
+            return self.closer.take_back_denied()
         return self._blind >= (TUNING.blind_due if is_due else TUNING.blind)
 
     def stand(self, pose: Array, P: Array, tracker: Tracker | None = None,

@@ -74,8 +74,8 @@ class Slam:
         self.counters: Counter[str] = Counter()
         self.found: list[Found] = []
         self._background, self._drawn = background, start.drawn
-        self._map_lock = Lock()     # guards the mapper
-        self._switch = RLock()      # held while the robot is followed, becomes lost, is found
+        self._map_lock = Lock()   # guards the mapper
+        self._switch = RLock()    # held while the robot is followed, becomes lost, is found
         self._map = (FixedMap(self.config, self.counters, checkpoint)
                      if start.localization and checkpoint is not None else
                      SingleMap(self.config, self.counters, checkpoint))
@@ -92,8 +92,7 @@ class Slam:
     def configure(self, config: SlamConfig) -> None:
         """Change the parameters; at another resolution the map is drawn anew."""
         self.config = config
-        for single in (self._map, *([self._lost.piece] if self._lost else [])):
-            single.configure(config)
+        self._map.configure(config)   # a piece of map keeps what it began with
         with self._map_lock:
             if config.resolution != self._mapper.resolution:
                 self._mapper = Mapper(config.resolution)
@@ -128,7 +127,7 @@ class Slam:
         with self._switch:
             step = self._last = self._follow(scan.stamp, seen, odometry)
         while not self._background and self.work():
-            pass
+            continue
         return step
 
     def work(self) -> bool:
@@ -215,6 +214,7 @@ class Slam:
             step = self._map.follow(stamp, seen, odometry)
             if not self._map.astray:
                 return step
+            self._mapper = Mapper(self.config.resolution)   # without what was taken back
         lost = self._lost = self._lost or self._lose()
         lost.drive(odometry)
         step = lost.piece.follow(stamp, seen, odometry)
