@@ -102,7 +102,7 @@ def warped(grid: Grid, warp: Warp) -> Grid:
         came = wanted - warp.at(came)
     local = apply(inverse(grid.T_frame_grid), came.T) / grid.resolution - 0.5
     x, y = (axis.reshape(height, width).astype(np.float32) for axis in local.T)
-    evidence: NDArray[np.float32] = cv2.remap(
+    evidence: Array = cv2.remap(
         grid.evidence, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
         borderValue=0.0).astype(np.float32)
     return Grid(evidence, grid.resolution, corner)
