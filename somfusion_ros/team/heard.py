@@ -78,6 +78,11 @@ class Heard:
             self._number = -1
         return now >= self.taken_until
 
+    @property
+    def session(self) -> str:
+        """Session under which the name spoke last; '' before the first."""
+        return self._sessions[-1] if self._sessions else ''
+
     def newer(self, number: int) -> bool:
         """Return whether a state is newer than all that came before in its session."""
         newer, self._number = number > self._number, max(number, self._number)

@@ -41,6 +41,7 @@ class Waiting(NamedTuple):
 
     message: Any
     read: Callable[[Any], Any]
+    rank: int = 0
 
 
 class NotYet(Exception):
@@ -62,15 +63,19 @@ class Inbox:
         self._path: list[tuple[float, float]] | None = None
 
     def keep(self, robot: str, channel: str, message: Any, size: int,
-             read: Callable[[Any], Any]) -> None:
+             read: Callable[[Any], Any], rank: int = 0) -> None:
         """
         Keep a message of a size [bytes] until the worker takes it.
+
+        One that overtook it on the way, with a higher rank, stays where nobody has read it yet.
 
         read makes of it: the text of a state, the bytes of a map or of changes, TimedClusters, a
         PlainMap, or the pose and covariance of a plain robot's transform.
         """
         self.heard[robot].hear(channel, size, self._clock())
-        self._waiting[robot, channel] = Waiting(message, read)
+        waiting = self._waiting.get((robot, channel))
+        if waiting is None or rank >= waiting.rank:
+            self._waiting[robot, channel] = Waiting(message, read, rank)
 
     def keep_path(self, places: list[tuple[float, float]]) -> None:
         """Keep where the robot itself has been [m], in its own map."""
@@ -118,7 +123,7 @@ class Inbox:
             try:
                 cells = self._take(robot, channel, waiting.read(waiting.message))
             except NotYet:
-                later[robot, channel] = waiting
+                later[robot, channel] = waiting._replace(rank=0)
             except ValueError as error:
                 kind = channel.partition('/')[0] if channel.startswith(TRANSFORMS) else channel
                 self._count(f'{FAULTS.get(kind, kind)}_of_{robot}_unusable', str(error))
@@ -162,6 +167,8 @@ class Inbox:
         if epoch_of(message) != self._session.epoch_of(robot):
             raise NotYet
         decoder = self._decoders.setdefault(robot, MapDecoder(self._max_cells))
+        if decoder.is_stale(message):
+            raise NotYet
         cells = decoder.decode(message)
         if cells is None:
             return None
@@ -170,9 +177,11 @@ class Inbox:
 
     def _take_state(self, robot: str, text: str) -> None:
         """Accept what a peer accepted, unless something newer came before it."""
-        state = decode_state(text)
+        state, before = decode_state(text), self.heard[robot].session
         if not self.heard[robot].begin(state.session, self._clock()):
             raise ValueError(f'two robots are called {robot}; neither is listened to')
+        if state.session != before and robot in self._decoders:
+            self._decoders[robot].restart()
         if self.heard[robot].newer(state.number):
             if state.epoch is not None:
                 self._begin(robot, state.epoch)

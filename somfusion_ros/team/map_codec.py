@@ -23,10 +23,10 @@ from somfusion_ros.team.lattice import corner_in, laid_into, MAX_SHIFT
 from somfusion_ros.team.shared_map import MapCells
 
 KEY, CHANGE = b'SOMKEY2', b'SOMCHG2'
-# Kind and version of message, epoch, digest of the key and of the result; rows, columns,
+# Kind and version of message, epoch, number, digest of the key and of the result; rows, columns,
 # resolution and origin of the result; first row and column of the key in it; rectangle of the
 # change: row, column, size.
-HEADER = struct.Struct('<7s42s8s8sII4d2i4I')
+HEADER = struct.Struct('<7s42sQ8s8sII4d2i4I')
 LEVEL = 6             # of zlib
 
 
@@ -35,6 +35,7 @@ class Header(NamedTuple):
 
     kind: bytes
     epoch: bytes
+    number: int
     key: bytes
     digest: bytes
     rows: int
@@ -60,17 +61,23 @@ class MapEncoder:
         self._cells: MapCells | None = None
         self._epoch = Epoch()
         self._spent = 0
+        self._number = 0
 
     def encode(self, cells: MapCells, epoch: Epoch = Epoch()) -> None:
         """Encode the newest map; a new key is made once the changes have cost as much as one."""
         key = self._cells if epoch == self._epoch else None
         corner = None if key is None else corner_in(key, cells)
         if key is not None and corner is not None and self._spent < len(self.key):
-            self.change = _difference(cells, epoch, key, corner)
+            self.change = _difference(cells, epoch, self._next(), key, corner)
             self._spent += len(self.change)
         if corner is None or self._spent >= len(self.key):
-            self.key, self.change = _key(cells, epoch), None
+            self.key, self.change = key_message(cells, epoch, self._next()), None
             self._cells, self._epoch, self._spent = cells, epoch, 0
+
+    def _next(self) -> int:
+        """Return the number of the next message."""
+        self._number += 1
+        return self._number
 
 
 class MapDecoder:
@@ -81,6 +88,16 @@ class MapDecoder:
         self._key: tuple[bytes, MapCells] | None = None   # with its digest
         self._change: bytes | None = None
         self.newest: tuple[Epoch, MapCells] | None = None
+        self._number = 0
+
+    def restart(self) -> None:
+        """Expect numbers from the beginning: the sender was started again."""
+        self._number = 0
+
+    def is_stale(self, message: bytes) -> bool:
+        """Return whether a message is older than one that came before; 0 is of any age."""
+        number = Header(*HEADER.unpack_from(message)).number
+        return bool(0 < number < self._number)
 
     def decode(self, message: bytes) -> MapCells | None:
         """
@@ -91,6 +108,7 @@ class MapDecoder:
         cells = self._decoded(message)
         if cells is not None:
             self.newest = epoch_of(message), cells
+            self._number = Header(*HEADER.unpack_from(message)).number
         return cells
 
     def _decoded(self, message: bytes) -> MapCells | None:
@@ -126,20 +144,28 @@ def epoch_of(message: bytes) -> Epoch:
     return _epoch(HEADER.unpack_from(message)[1])
 
 
+def number_of(message: bytes) -> int:
+    """Return the number of a map message, of which the header is enough; 0 where it has none."""
+    if len(message) < HEADER.size or message[:len(KEY)] not in (KEY, CHANGE):
+        return 0
+    return Header(*HEADER.unpack_from(message)).number
+
+
 def _epoch(field: bytes) -> Epoch:
     """Read the epoch in a header; ValueError where it is none."""
     text = field.rstrip(b'\0').decode('ascii', 'replace')
     return Epoch() if text == str(Epoch()) else Epoch.parse(text)
 
 
-def _difference(cells: MapCells, epoch: Epoch, key: MapCells, corner: tuple[int, int]) -> bytes:
+def _difference(cells: MapCells, epoch: Epoch, number: int, key: MapCells,
+                corner: tuple[int, int]) -> bytes:
     """Encode what differs from the key, whose corner lies at (row, column) of the map."""
     differs = cells.values ^ laid_into(key.values, cells.values.shape, corner)
     rows, columns = np.flatnonzero(differs.any(1)), np.flatnonzero(differs.any(0))
     box = ((0, 0, 0, 0) if not len(rows) else
            (rows[0], columns[0], rows[-1] + 1 - rows[0], columns[-1] + 1 - columns[0]))
     row, column, height, width = (int(value) for value in box)
-    header = _header(CHANGE, epoch, cells, _digest(key, epoch), corner,
+    header = _header(CHANGE, epoch, number, cells, _digest(key, epoch), corner,
                      (row, column, height, width))
     part = differs[row:row + height, column:column + width]
     return header + zlib.compress(part.tobytes(), LEVEL)
@@ -155,17 +181,17 @@ def _changed(key: MapCells, header: Header, message: bytes) -> MapCells:
     return _cells(header, values)
 
 
-def _key(cells: MapCells, epoch: Epoch) -> bytes:
-    """Return the message of a whole map."""
-    header = _header(KEY, epoch, cells, _digest(cells, epoch), (0, 0),
+def key_message(cells: MapCells, epoch: Epoch, number: int = 0) -> bytes:
+    """Return the message of a whole map; without a number it counts whenever it comes."""
+    header = _header(KEY, epoch, number, cells, _digest(cells, epoch), (0, 0),
                      (0, 0, *cells.values.shape))
     return header + zlib.compress(cells.values.tobytes(), LEVEL)
 
 
-def _header(kind: bytes, epoch: Epoch, cells: MapCells, key: bytes, corner: tuple[int, int],
-            box: tuple[int, int, int, int]) -> bytes:
+def _header(kind: bytes, epoch: Epoch, number: int, cells: MapCells, key: bytes,
+            corner: tuple[int, int], box: tuple[int, int, int, int]) -> bytes:
     """Return the header of a message about a map."""
-    return HEADER.pack(kind, str(epoch).encode(), key, _digest(cells, epoch),
+    return HEADER.pack(kind, str(epoch).encode(), number, key, _digest(cells, epoch),
                        *cells.values.shape, cells.resolution, *cells.T_frame_grid, *corner, *box)
 
 

@@ -182,7 +182,7 @@ def test_a_map_message_that_is_cut_or_flipped_is_refused_at_little_cost(
 @given(st.binary(max_size=400), st.tuples(*[st.integers(0, 2 ** 32 - 1)] * 2))
 def test_any_bytes_behind_any_sizes_are_refused_at_little_cost(
         noise: bytes, size: tuple[int, int]) -> None:
-    header = HEADER.pack(b'SOMKEY2', b'1f.0', b'', b'', *size, 0.05, 0, 0, 0, 0, 0, 0, 0, *size)
+    header = HEADER.pack(b'SOMKEY2', b'1f.0', 1, b'', b'', *size, 0.05, 0, 0, 0, 0, 0, 0, 0, *size)
     tracemalloc.start()
     with pytest.raises(ValueError):
         MapDecoder(MOST_CELLS).decode(header + noise)

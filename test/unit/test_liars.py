@@ -248,6 +248,31 @@ def test_the_memory_of_a_peer_has_a_bound_that_it_cannot_pass() -> None:
     assert session.epoch_of('z') == Epoch('2e')
 
 
+def test_a_map_that_is_late_does_not_replace_a_newer_one() -> None:
+    """Found by chaos: a doubled key came after its successor, and nothing was sent after it."""
+    clock, counts = [0.0], []
+    inbox, session = station(counts, clock)
+    inbox.heard['z'] = Heard()
+    inbox.keep('z', STATE, state(1), 0, str)
+    encoder, keys = MapEncoder(), []
+    for share in (0.1, 0.2):
+        cells = walls(60, share)
+        encoder.encode(cells._replace(T_frame_grid=Pose(share / 7.0)), Epoch('2e'))
+        keys.append(encoder.key)
+    assert keys[0] != keys[1]
+    for key in (keys[0], keys[1], keys[0]):
+        inbox.keep('z', MAP, key, len(key), bytes)
+        inbox.drain()
+    assert np.array_equal(session.shown_maps()['z'].grid.to_occupancy(), cells.values)
+    inbox.keep('z', STATE, state(1).replace('ab12', 'cd34'), 0, str)   # it was started again
+    encoder = MapEncoder()
+    encoder.encode(walls(60, 0.3), Epoch('2e'))
+    inbox.keep('z', MAP, encoder.key, len(encoder.key), bytes)
+    inbox.drain()
+    assert np.array_equal(session.shown_maps()['z'].grid.to_occupancy(), walls(60, 0.3).values)
+    assert not counts
+
+
 def test_a_state_that_is_late_or_doubled_changes_nothing() -> None:
     clock, counts = [0.0], []
     inbox, session = station(counts, clock)

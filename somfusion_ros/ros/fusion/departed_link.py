@@ -12,7 +12,7 @@ from somfusion_ros.ros.fusion.team_messages import bytes_message
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import MAP
 from somfusion_ros.team.heard import Heard
-from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.map_codec import key_message
 from somfusion_ros.team.shared_map import SharedMap
 from std_msgs.msg import UInt8MultiArray
 
@@ -38,9 +38,7 @@ class DepartedLink:
             publisher = self._offered[robot]
             if publisher.get_subscription_count() and self._sent.get(robot) is not shared:
                 self._sent[robot] = shared
-                encoder = MapEncoder()
-                encoder.encode(shared.to_cells(), epochs[robot])
-                publisher.publish(bytes_message(encoder.key))
+                publisher.publish(bytes_message(key_message(shared.to_cells(), epochs[robot])))
 
     def fetch(self, sources: Mapping[str, str]) -> None:
         """Ask for maps of absent robots, each from the peer that is named for it."""

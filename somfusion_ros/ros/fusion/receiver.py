@@ -22,6 +22,7 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CLUSTERS, PLAIN_MAP, STATE
 from somfusion_ros.team.heard import TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
+from somfusion_ros.team.map_codec import HEADER, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.sightings import Sighting, Sightings
@@ -54,7 +55,8 @@ class Receiver:
 
     def on_bytes(self, robot: str, message: UInt8MultiArray, channel: str) -> None:
         """Keep a part of the stream of a map."""
-        self.inbox.keep(robot, channel, message, len(message.data), bytes_from_message)
+        self.inbox.keep(robot, channel, message, len(message.data), bytes_from_message,
+                        number_of(bytes(message.data[:HEADER.size])))
 
     def on_state(self, robot: str, message: String) -> None:
         """Keep what a peer accepts."""

@@ -23,7 +23,7 @@ from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, POSE,
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
-from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.map_codec import key_message, number_of
 from somfusion_ros.team.outbox import Outbox
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.session import FusionSession
@@ -104,7 +104,8 @@ class Station:
         elif robot in self.inbox.heard and one.channel == POSE:
             self.inbox.keep_pose(robot, lambda: payload)
         elif robot in self.inbox.heard:
-            self.inbox.keep(robot, one.channel, payload, one.message.size, same)
+            rank = number_of(payload) if one.channel in (MAP, CHANGES) else 0
+            self.inbox.keep(robot, one.channel, payload, one.message.size, same, rank)
 
     def work(self, now: float) -> None:
         """Do what the worker of a fusion node does, once."""
@@ -152,9 +153,8 @@ class Station:
             if network.listened(self.name, channel) and (
                     self._departed.get(gone.robot) is not shared):
                 self._departed[gone.robot] = shared
-                encoder = MapEncoder()
-                encoder.encode(shared.to_cells(), gone.epoch)
-                network.publish(self.name, channel, encoder.key, len(encoder.key), now)
+                key = key_message(shared.to_cells(), gone.epoch)
+                network.publish(self.name, channel, key, len(key), now)
         for robot, keeper in sorted(snapshot.sources.items()):
             network.subscribe(self.name, keeper, f'{DEPARTED}/{robot}', now)
 
