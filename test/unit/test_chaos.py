@@ -36,7 +36,7 @@ def matching() -> Matching:
 
 def said(outcome: Outcome) -> str:
     """Say what broke, and how to see it again."""
-    return (f'python benchmarks/chaos.py --seed {outcome.seed}: {outcome.broken}; '
+    return (f'python -m benchmarks.team.chaos --seed {outcome.seed}: {outcome.broken}; '
             f'{[str(fault) for fault in outcome.faults]}')
 
 

@@ -3,8 +3,8 @@
 """
 A year of faults an hour: teams in simulated time, with every fault that a seed chooses.
 
-    python benchmarks/chaos.py --seeds 0 100      # a campaign
-    python benchmarks/chaos.py --seed 17          # one seed again, and the faults that matter
+    python -m benchmarks.team.chaos --seeds 0 100      # a campaign
+    python -m benchmarks.team.chaos --seed 17          # one seed again, and the faults that matter
 """
 
 import argparse
