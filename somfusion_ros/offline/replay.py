@@ -126,7 +126,13 @@ def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions
 
 def _views(runs: Mapping[str, RobotRun]) -> dict[str, ViewSet]:
     """Put every robot's views together as its peers hear of them; {} for a robot alone."""
-    return {name: heard(run.facts) for name, run in runs.items()} if len(runs) > 1 else {}
+    views: dict[str, ViewSet] = {}
+    for name, run in runs.items() if len(runs) > 1 else ():
+        try:
+            views[name] = heard(run.facts)
+        except ValueError as error:
+            complain(f'{name}: its views cannot be used, its map is not bent: {error}')
+    return views
 
 
 def save_joint(folder: Path, runs: Mapping[str, RobotRun], fusion: Fusion) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, identity
 from scipy.sparse.linalg import splu
 from somfusion_ros.geometry import Array, compose, inverse, Pose, wrap
 from somfusion_ros.settings import tuned
@@ -205,10 +205,19 @@ class _Problem:
         i, j = self._i, self._j
         H = _sparse([(i, i, AtO @ A), (i, j, AB), (j, i, AB.transpose(0, 2, 1)), (j, j, BtO @ B),
                      (self._firsts, self._firsts, self._damping)], len(x))
-        factor = splu(H, permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
-                      options={'SymmetricMode': True})
-        step: Array = factor.solve(g.ravel()).reshape(-1, 3)
+        try:
+            step = _solved(H, g)
+        except RuntimeError:     # singular to the last digit: hold every node where it is a little
+            step = _solved(H + self._settings.damping * identity(3 * len(x), format='csc'), g)
         return step
+
+
+def _solved(H: csc_matrix, g: Array) -> Array:
+    """Step (n, 3) for a gradient (n, 3); RuntimeError where the problem is singular."""
+    factor = splu(csc_matrix(H), permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
+                  options={'SymmetricMode': True})
+    step: Array = factor.solve(g.ravel()).reshape(-1, 3)
+    return step
 
 
 def _sparse(blocks: list[tuple[Array, Array, Array]], nodes: int) -> csc_matrix:

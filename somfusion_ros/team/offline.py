@@ -104,7 +104,8 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
     bonds = [pair.bond for pair in pairs if pair.bond is not None and pair.alignment.accepted
              and frozenset(pair.bond.pair) not in dropped]
     views = views or {}
-    elastic = straighten(views, world, known=bonds) if views and len(world) > 1 else None
+    told = all(len(views[name]) for name in world) if world.keys() <= views.keys() else False
+    elastic = straighten(views, world, known=bonds) if told and len(world) > 1 else None
     drawn = (merge_grids(grids, world) if elastic is None else
              draw_joint(views, elastic.poses, min(grids[name].resolution for name in world)))
     return Fusion(pairs, solution, world, [n for n in names if n not in world], drawn,
@@ -114,7 +115,8 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
 def _asked(pair: PairResult, views: Mapping[str, ViewSet], confidence: float) -> PairResult:
     """Weigh the verdict on a pair anew with what its views say, where they can turn it."""
     found, names = pair.alignment, (pair.target, pair.source)
-    if found.T_target_source is None or not could_matter(found.probability, confidence):
+    if (found.T_target_source is None or not could_matter(found.probability, confidence)
+            or not {*names} <= views.keys()):
         return pair
     bond, rival = bond_of(views, *names, found.T_target_source), None
     if found.runner_up is not None and found.probability < RULES.clear:

@@ -39,6 +39,7 @@ class FactLimits:
 
 
 TUNING = FactLimits()
+ROUNDED = 1 / 100                    # of the least variance: keeps one above 0 that is told
 MAX_VIEWS = 100_000                  # of one robot in one epoch
 VIEW = struct.Struct('<Id3f')        # number, stamp, pose T_map_view
 SCAN = struct.Struct('<Id3f')        # view, stamp, T_view_base
@@ -96,8 +97,9 @@ def decode_view(data: bytes) -> ViewFact:
 
 def encode_constraint(constraint: Constraint) -> bytes:
     """Pack a constraint between two views of one robot: 44 bytes."""
-    return CONSTRAINT.pack(constraint.first, constraint.second, *constraint.z,
-                           *constraint.R[UPPER])
+    R = constraint.R + np.diag([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2 * ROUNDED
+    R = R * min(1.0, 0.5 * TUNING.largest_variance / np.diag(R).max())
+    return CONSTRAINT.pack(constraint.first, constraint.second, *constraint.z, *R[UPPER])
 
 
 def decode_constraint(data: bytes) -> Constraint:

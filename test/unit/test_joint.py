@@ -133,3 +133,15 @@ def test_a_robot_without_a_match_stays_where_it_is() -> None:
     tie = InterMatch('a', 0, 'b', 0, world['b'], np.eye(3))
     solved = solve_joint(robots, [tie], world)
     assert solved.poses['b'] == pytest.approx(compose(world['b'], robots['b'].poses), abs=1e-3)
+
+
+def test_robots_of_one_view_and_matches_that_fix_nothing_are_solved() -> None:
+    """Nothing fixes the other robot along x: it stays there about where it was."""
+    robots, _, world, _ = team()
+    nothing = robots['a'].clouds[:1]
+    single = ViewSet(np.zeros(1), np.zeros((1, 3)), nothing, [])
+    loose = np.diag([1e6, 1e-4, 1e-4])
+    solved = solve_joint({'a': robots['a'], 'c': single}, [
+        InterMatch('a', 3, 'c', 0, np.zeros(3), loose)], {'a': np.zeros(3), 'c': np.ones(3)})
+    assert np.isfinite(solved.poses['c']).all()
+    assert solved.poses['c'].shape == (1, 3)

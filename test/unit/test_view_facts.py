@@ -15,8 +15,9 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud, cloud
 from somfusion_ros.team.beam_code import decode_beams, encode_beams, MAX_BEAMS
-from somfusion_ros.team.view_facts import (decode_constraint, decode_view, encode_constraint,
-                                           Facts, heard, tell, Teller, TUNING, ViewFact)
+from somfusion_ros.team.view_facts import (CONSTRAINT, decode_constraint, decode_view,
+                                           encode_constraint, Facts, heard, tell, Teller, TUNING,
+                                           UPPER, ViewFact)
 
 STEP = 0.01      # [m] of a range that is told
 
@@ -107,7 +108,7 @@ def test_constraints_come_through_with_a_floor(z: tuple, sigma: tuple, turn: flo
                                1e9 * np.eye(3), np.array([[1.0, 5, 0], [5, 1, 0], [0, 0, 1]])])
 def test_an_absurd_covariance_is_refused(R: Array) -> None:
     with pytest.raises(ValueError, match='covariance|finite'):
-        decode_constraint(encode_constraint(Constraint(0, 1, np.zeros(3), R)))
+        decode_constraint(CONSTRAINT.pack(0, 1, 0.0, 0.0, 0.0, *R[UPPER]))
 
 
 def path(count: int = 6) -> Checkpoint:
@@ -159,3 +160,9 @@ def test_a_view_that_follows_no_other_is_refused() -> None:
     wrong = ViewFact(4, 0.0, np.zeros(3), b'', Constraint(4, 5, np.zeros(3), np.eye(3)))
     with pytest.raises(ValueError, match='does not follow'):
         decode_view(wrong.encode())
+
+
+@pytest.mark.parametrize('R', [np.zeros((3, 3)), np.diag([4e12, 4e12, 1.0])])
+def test_a_constraint_of_the_robot_itself_is_always_one_that_is_believed(R: Array) -> None:
+    back = decode_constraint(encode_constraint(Constraint(0, 1, np.zeros(3), R)))
+    assert np.linalg.eigvalsh(back.R)[0] > 0.0
