@@ -34,6 +34,7 @@ class StampTuning:
 
 
 TUNING = StampTuning()
+MOST_DOUBTFUL = 100   # messages that wait
 
 
 class Stamped(NamedTuple):
@@ -85,12 +86,14 @@ class StampStream:
             self._go_on(stamp)
             return Judgement([Stamped(stamp, item)], stray)
         stray = []
-        if self._doubtful and not stamp > self._doubtful[-1].stamp:
+        if self._doubtful and (stamp < self._doubtful[-1].stamp
+                               or len(self._doubtful) == MOST_DOUBTFUL):
             stray = [doubtful.stamp for doubtful in self._doubtful]
             self._doubtful = []
         self._doubtful.append(Stamped(stamp, item))
         ahead = self._doubtful[0].stamp > self._last
-        if len(self._doubtful) < (2 if ahead else TUNING.backward):
+        distinct = len({doubtful.stamp for doubtful in self._doubtful})   # some logs repeat stamps
+        if distinct < (2 if ahead else TUNING.backward):
             return Judgement(stray=stray)
         return self._leap(stray)
 

@@ -131,6 +131,13 @@ def test_pauses_of_every_length_are_no_fault() -> None:
     assert good == [*stamps, stamps[-1] + 0.5]
 
 
+def test_a_pause_in_a_stream_that_repeats_its_stamps_is_no_fault() -> None:
+    """Odometry of the Intel log comes in bursts of one stamp."""
+    stamps = np.repeat(np.concatenate([np.arange(0.0, 3.0, 0.3), np.arange(6.0, 9.0, 0.3)]), 3)
+    good, stray, _ = judged(list(stamps))
+    assert (good, stray) == (list(stamps), [])
+
+
 def test_strange_stamps_without_order_are_never_a_leap() -> None:
     good, _, leaps = judged([100.0, 50.0, 40.0, 30.0, 20.0, 10.0, 5.0, 4.0, 3.0])
     assert (good, leaps) == ([100.0], [])
