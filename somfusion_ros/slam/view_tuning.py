@@ -15,7 +15,7 @@ class ViewTuning:
         4.0, 'views', "a lost robot keeps matching against its last views for so many views' "
         'travel before it keeps a new one', 'mit-csail')
     blind_due: int = tuned(
-        3, 'scans', 'without a match, after which a robot that would keep a view is astray',
+        6, 'scans', 'without a match, after which a robot that would keep a view is astray',
         'mit-csail')
     blind: int = tuned(
         15, 'scans', 'without a match, after which any robot is astray', 'by design')
