@@ -32,7 +32,8 @@ REASONS = {
     'scan_stamps_backward': 'a scan is older than the one before it',
     'odometry_jumps': 'the odometry moved faster than any robot',
     'match_rejected': 'a scan does not fit what was seen before',
-    'lost': 'scans have not fitted what was seen before for a while'}
+    'lost': 'it is not known where in the map the robot is: scans do not fit, or it has not been '
+            'found yet'}
 STEP_ACROSS_JUMP = 0.1     # [s] that is taken to pass between two runs, where time did not
 
 
