@@ -195,13 +195,19 @@ class Tracker:
         confirmed = same(best, tried[-1]) and expects
         enough = (self.config.minimum_inlier_ratio if confirmed
                   else self.config.doubtful_inlier_ratio)
-        if self.lost:   # a carried robot must not settle for what little fits
+        if self.lost and not self._sparse:   # a carried robot must not settle for what little fits
             enough = max(enough, TUNING.regained * self.usual)
         found = best.match.inlier_ratio >= enough and not rivals(best, tried)
         if not found and not self.lost:
             self.P = self.P + np.diag(TUNING.lost_sigma) ** 2
         self.lost = not found
         return found
+
+    @property
+    def _sparse(self) -> bool:
+        """Whether scans lie as far apart as views, so that they have less in common anyway."""
+        step = self._dt * self._velocity[:2]
+        return bool(np.hypot(step[0], step[1]) > self.config.minimum_travel_distance)
 
     def _keep_anchor(self, match: Match, previous: Odometry | None, before: Array) -> None:
         """Remember the last pose before odometry and match differed, until they agree again."""
