@@ -120,7 +120,7 @@ def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions
     if options.pictures and len(runs) > 1:
         draw(folder, fusion)
     if options.bag:
-        say(f'bag: {write_replay_bag(folder / "bag", runs, options.fusion)}')
+        say(f'bag: {write_replay_bag(folder / "bag", runs, options.fusion, fusion)}')
     return record
 
 

@@ -19,7 +19,7 @@ from somfusion_ros.io.console import progress_bar
 from somfusion_ros.offline.history import History
 from somfusion_ros.offline.robot_run import RobotRun
 from somfusion_ros.slam.step import Step
-from somfusion_ros.team.offline import fuse
+from somfusion_ros.team.offline import fuse, Fusion
 
 MAPS = 30             # of each robot, in the time of the longest log
 SHORTEST_PERIOD = 2.0   # [s]
@@ -82,8 +82,13 @@ def period_of(durations: list[float]) -> float:
     return max(max(durations) / MAPS, SHORTEST_PERIOD)
 
 
-def write_replay_bag(folder: Path, runs: Mapping[str, RobotRun], config: FusionConfig) -> Path:
-    """Write every robot's history, and the global map as it grew; logs of other days shift."""
+def write_replay_bag(folder: Path, runs: Mapping[str, RobotRun], config: FusionConfig,
+                     result: Fusion) -> Path:
+    """
+    Write every robot's history, and the global map as it grew; logs of other days shift.
+
+    Maps on the way are laid rigidly; the last is that of the result, which may be bent.
+    """
     if folder.exists():
         shutil.rmtree(folder)
     histories = {name: run.history for name, run in runs.items() if run.history is not None}
@@ -91,7 +96,7 @@ def write_replay_bag(folder: Path, runs: Mapping[str, RobotRun], config: FusionC
     with ResultBag(folder) as bag:
         for name, history in histories.items():
             _write_robot(bag, name, history, runs[name].log.T_base_laser, shifts[name], config)
-        _write_team(bag, histories, shifts, config)
+        _write_team(bag, histories, shifts, config, result)
     return folder
 
 
@@ -124,7 +129,7 @@ def _write_robot(bag: ResultBag, name: str, history: History, mount: Pose, shift
 
 
 def _write_team(bag: ResultBag, histories: Mapping[str, History], shifts: Mapping[str, float],
-                config: FusionConfig) -> None:
+                config: FusionConfig, result: Fusion) -> None:
     """Write the global map and the robots' places in it, as they came to be known."""
     times = sorted({t + shifts[name] for name, h in histories.items() for t, _, _ in h.maps})
     cache = FusionCache()
@@ -136,7 +141,8 @@ def _write_team(bag: ResultBag, histories: Mapping[str, History], shifts: Mappin
                      if grid is not None and grid.occupied.any()}
             if not grids:
                 continue
-            fusion = fuse(grids, config, traced=False, cache=cache)
+            fusion = (result if time == times[-1] else
+                      fuse(grids, config, traced=False, cache=cache))
             bag.recorded = time
             for name, pose in fusion.world.items():
                 bag.placed(time, 'world', f'{name}/map', pose)

@@ -28,5 +28,5 @@ class Epoch(NamedTuple):
         """Read `start.reset`; ValueError on anything else, of whatever type."""
         found = WRITTEN.fullmatch(text) if isinstance(text, str) else None
         if found is None:
-            raise ValueError(f'epoch {str(text)[:40]!r} is not like 1f3a.0')
+            raise ValueError(f'epoch {ascii(text)[:40]} is not like 1f3a.0')
         return cls(found[1], int(found[2]))

@@ -46,7 +46,7 @@ def test_slam_node_says_what_it_waits_for(graph: Graph) -> None:
     robot = Robot(graph, 'robot1', ROUND)
     robot.launch('-p', 'laser_pose:=[0.12,0.0,0.1]')
     said(graph, 'slam_node', 'no scan yet')
-    graph.until(lambda: 'seconds_without_scan: no scan yet (on /robot1/scan, /robot1/odom)'
+    graph.until(lambda: 'seconds_without_scan: no scan yet (on /robot1/scan, /robot1/odom, /tf)'
                 in graph.processes.log_path('slam robot1').read_text(), 'the line in the log')
     stamps = iter(range(1, 100000))
     said(graph, 'slam_node', 'no odometry yet',

@@ -44,7 +44,7 @@ def test_places_that_look_alike_are_not_joined(number: int, farthest: float) -> 
 
 def test_equal_niches_are_not_joined() -> None:
     """Round a corridor nothing but equal niches tells the place: better lost than wrong."""
-    _, found, _ = look_alike_trial(3)
+    _, found, _ = look_alike_trial(8)
     assert found['found false'] > 0
     assert found['believed false'] == 0
 
