@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from helpers import ros_environment
+from pace import patient
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -37,8 +38,8 @@ class Graph:
 
     def until(self, condition: Callable[[], Any], what: str, timeout: float = TIMEOUT) -> Any:
         """Spin until a condition holds and return its value; fail with the nodes' words."""
-        end = time.monotonic() + timeout
-        while time.monotonic() < end and not any(self.processes.ended().values()):
+        start = time.monotonic()
+        while patient(timeout, start) and not any(self.processes.ended().values()):
             value = condition()
             if value:
                 return value

@@ -16,6 +16,7 @@ from typing import Any
 from helpers import cut_grid, fake_grid, furnished_room, ros_environment
 from network import die_with_parent, Host
 import numpy as np
+from pace import patient
 from robot_client import load_cells, save_cells
 from somfusion_ros.geometry import apply, between, compose, inverse, Pose
 from somfusion_ros.grid import Grid
@@ -176,8 +177,7 @@ class Lab:
         start = time.monotonic()
         while not condition():
             self.assert_alive()
-            passed = time.monotonic() - start
-            assert passed < timeout, f'not within {timeout} s: {what()}\n{self.words()}'
+            assert patient(timeout, start), f'not within {timeout} s: {what()}\n{self.words()}'
             time.sleep(0.5)
         return time.monotonic() - start
 
