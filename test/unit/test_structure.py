@@ -73,7 +73,7 @@ def test_a_mirror_image_is_that_of_the_mirrored_grid(theta: float, x: float, y: 
     for name in ('likelihood', 'clearance', 'zones'):
         before, after = (getattr(item, name) for item in (one, image))
         same = before.at(spots) == after.at(there)     # but for places on the edge of a cell
-        assert same.mean() > 0.97, name
+        assert same.mean() > 0.94, name
     twice = mirror(image)
     assert twice.histogram == pytest.approx(one.histogram)
     exact, = measure(HERE, one, twice)
