@@ -65,6 +65,7 @@ def test_maps_are_what_nav2_and_amcl_read_and_come_again_to_those_who_come_late(
     robot.drive(100)
     graph.until(lambda: graded and robot.maps and
                 graded[-1].header.stamp == robot.maps[-1].header.stamp
+                == robot.poses[-1].header.stamp
                 and len(graded[-1].data) == len(robot.maps[-1].data), 'both maps')
     assert_readable(robot.maps[-1], graded[-1])
     # The robot stands still now and nothing changes: who comes late gets a map all the same.
@@ -72,6 +73,7 @@ def test_maps_are_what_nav2_and_amcl_read_and_come_again_to_those_who_come_late(
             for name in ('map', 'global_map', 'global_map_graded')}
     graph.until(lambda: all(late.values()), 'all maps for late and volatile subscribers', 10.0)
     assert late['global_map'][-1].header.frame_id == 'world'
+    graph.until(lambda: FREE in static_layer(late['global_map'][-1]), 'a global map of the drive')
     assert_readable(late['global_map'][-1], None)
     graph.assert_clean(graph.processes.stop())
 
