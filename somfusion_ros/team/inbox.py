@@ -18,7 +18,7 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE, TRANSFORMS
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import Heard, TimedPose
-from somfusion_ros.team.map_codec import epoch_of, MapDecoder
+from somfusion_ros.team.map_codec import epoch_of, MapDecoder, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
 from somfusion_ros.team.session import FusionSession
@@ -59,6 +59,7 @@ class Inbox:
         self._count, self._clock = count, clock
         self._waiting: dict[tuple[str, str], Waiting] = {}
         self._decoders: dict[str, MapDecoder] = {}
+        self._lent: set[str] = set()     # robots whose map others have told
         self._since: dict[str, int] = {}
         self._path: list[tuple[float, float]] | None = None
 
@@ -108,6 +109,7 @@ class Inbox:
             self._waiting.pop(key, None)
         for record in (self.heard, self._decoders, self._since):
             record.pop(robot, None)
+        self._lent.discard(robot)
         self.plain.forget(robot)
 
     def drain(self) -> MapCells | None:
@@ -116,6 +118,7 @@ class Inbox:
         later: dict[tuple[str, str], Waiting] = {}
         for robot, epoch, keep_map in self.plain.changed(self._clock()):
             self._begin(robot, epoch, keep_map)
+        self._give_back()
         for robot, channel in sorted(self._waiting, key=lambda key: (key[1] != STATE, key)):
             if channel != STATE and self._clock() < self.heard[robot].taken_until:
                 continue   # it waits until one robot only uses the name
@@ -169,11 +172,25 @@ class Inbox:
         decoder = self._decoders.setdefault(robot, MapDecoder(self._max_cells))
         if decoder.is_stale(message):
             raise NotYet
+        lent = not number_of(message)
+        if lent and robot not in self._session.absent:
+            return None   # it is back, and speaks for itself
         cells = decoder.decode(message)
         if cells is None:
             return None
+        self._lent.discard(robot)
+        self._lent |= {robot} if lent else set()
         changed = self._session.take_map(robot, _shared(cells), self._clock())
         return cells if changed else None
+
+    def _give_back(self) -> None:
+        """Show robots that are back as they told themselves last, not as others did."""
+        for robot in sorted(self._lent - self._session.absent):
+            self._lent.discard(robot)
+            decoder = self._decoders.get(robot)
+            own = None if decoder is None else decoder.own
+            if own is not None and own[0] == self._session.epoch_of(robot):
+                self._session.take_map(robot, _shared(own[1]), self._clock())
 
     def _take_state(self, robot: str, text: str) -> None:
         """Accept what a peer accepted, unless something newer came before it."""

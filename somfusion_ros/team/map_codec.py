@@ -81,13 +81,19 @@ class MapEncoder:
 
 
 class MapDecoder:
-    """Decodes messages to maps, in whatever order they come. newest: the last map, and which."""
+    """
+    Decodes messages to maps, in whatever order they come.
+
+    newest: the last map, and which; own: the last that the robot itself told. A map that others
+    tell has the number 0: changes that the robot tells are against its own keys.
+    """
 
     def __init__(self, max_cells: int) -> None:
         self._max_cells = max_cells
         self._key: tuple[bytes, MapCells] | None = None   # with its digest
         self._change: bytes | None = None
         self.newest: tuple[Epoch, MapCells] | None = None
+        self.own: tuple[Epoch, MapCells] | None = None
         self._number = 0
 
     def restart(self) -> None:
@@ -106,9 +112,11 @@ class MapDecoder:
         ValueError, naming what is wrong, on anything that is no message; it changes nothing.
         """
         cells = self._decoded(message)
+        number = number_of(message)
         if cells is not None:
             self.newest = epoch_of(message), cells
-            self._number = Header(*HEADER.unpack_from(message)).number
+        if cells is not None and number:
+            self.own, self._number = self.newest, number
         return cells
 
     def _decoded(self, message: bytes) -> MapCells | None:
@@ -116,6 +124,8 @@ class MapDecoder:
         header = _parse(message, self._max_cells)
         if header.kind == KEY:
             key = _cells(header, _inflate(message, header))
+            if not header.number:
+                return key
             self._key = header.digest, key
             return self._with_change(key)
         if self._key is None or self._key[0] != header.key:

@@ -110,6 +110,11 @@ class FusionSession:
         return [(learn(self._team.maps[peer].grid, self.fusion, self._cache), pose)
                 for peer, pose in self._team.own_transforms().items() if peer in self._team.maps]
 
+    @property
+    def absent(self) -> frozenset[str]:
+        """Robots that are gone, of whom somebody still knows the map."""
+        return self._team.absent
+
     def epoch_of(self, robot: str) -> Epoch | None:
         """Return which map a robot has now, or had last; None where nobody told."""
         return self._team.epochs.get(robot)

@@ -1,0 +1,90 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of a robot that was gone for a while, told by itself and by others, in any order."""
+
+from helpers import fake_grid, furnished_room
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.channels import CHANGES, MAP, STATE
+from somfusion_ros.team.config import TeamConfig
+from somfusion_ros.team.heard import Heard
+from somfusion_ros.team.inbox import Inbox
+from somfusion_ros.team.map_codec import key_message, MapEncoder, number_of
+from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.shared_map import MapCells, SharedMap
+from somfusion_ros.team.state_codec import encode_state, TeamState
+
+ROOM = fake_grid(furnished_room())
+CELLS = MapCells(ROOM.to_occupancy(), ROOM.resolution, ROOM.T_frame_grid)
+EPOCH = Epoch('2e')
+
+
+def version(number: int) -> MapCells:
+    """Make a map that knows more with every version."""
+    values = CELLS.values.copy()
+    values[:, 40 + 20 * number:] = -1
+    return CELLS._replace(values=values)
+
+
+class Listener:
+    """Robot a, which hears robot z."""
+
+    def __init__(self) -> None:
+        self.session = FusionSession('a', TeamConfig(), FusionConfig(), lambda text: None)
+        self.inbox = Inbox('a', self.session, 10 ** 6, lambda *_: None, lambda: 0.0)
+        self.inbox.heard = {'a': Heard(), 'z': Heard()}
+        self.session.begin('a', Epoch('1f'), 0.0)
+        self.session.take_map('a', SharedMap(ROOM))
+        self.hear(STATE, encode_state(TeamState('ab12', epoch=EPOCH)))
+
+    def hear(self, channel: str, message: object) -> None:
+        """Take a message at once."""
+        rank = number_of(message) if isinstance(message, bytes) else 0
+        self.inbox.keep('z', channel, message, 1, lambda content: content, rank)
+        self.inbox.drain()
+
+    def look(self, present: bool) -> None:
+        """Look whether z is there."""
+        self.session.refresh({'z'} if present else set())
+        self.inbox.drain()
+
+    def assert_shows(self, cells: MapCells) -> None:
+        """Check which map of z is shown."""
+        shown = self.session.shown_maps()['z'].grid
+        assert np.array_equal(shown.to_occupancy(), cells.values)
+
+
+def test_changes_go_on_after_others_told_the_map() -> None:
+    encoder, listener = MapEncoder(), Listener()
+    encoder.encode(version(1), EPOCH)
+    listener.hear(MAP, encoder.key)
+    listener.look(present=False)
+    listener.hear(MAP, key_message(version(2), EPOCH))
+    listener.assert_shows(version(2))
+    listener.look(present=True)       # it comes again only as what changed: the key is known
+    encoder.encode(version(3), EPOCH)
+    assert encoder.change is not None
+    listener.hear(CHANGES, encoder.change)
+    listener.assert_shows(version(3))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.sampled_from(['own', 'lent', 'gone', 'back']), max_size=12))
+def test_who_is_back_is_shown_as_it_told_itself_last(story: list[str]) -> None:
+    encoder, listener = MapEncoder(), Listener()
+    encoder.encode(version(0), EPOCH)
+    listener.hear(MAP, encoder.key)
+    for number, event in enumerate(story, start=1):
+        if event == 'own':
+            encoder.encode(version(number), EPOCH)
+            listener.hear(CHANGES if encoder.change else MAP, encoder.change or encoder.key)
+        elif event == 'lent':
+            listener.hear(MAP, key_message(version(13), EPOCH))
+        else:
+            listener.look(present=event == 'back')
+    listener.look(present=True)
+    last = max((k for k, event in enumerate(story, start=1) if event == 'own'), default=0)
+    listener.assert_shows(version(last))
