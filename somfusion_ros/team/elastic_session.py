@@ -18,10 +18,8 @@ from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, told, ToldBond
-from somfusion_ros.team.bonding import bond_of, rival_of
-from somfusion_ros.team.elastic import join
 from somfusion_ros.team.joint import InterMatch
-from somfusion_ros.team.joint_map import draw_joint
+from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import ViewStore
@@ -48,8 +46,9 @@ Epochs = Mapping[str, Epoch]
 class ElasticSession:
     """One robot's views and bonds of its team, and what follows from them."""
 
-    def __init__(self, name: str, clock: Callable[[], float]) -> None:
-        self._name, self._clock = name, clock
+    def __init__(self, name: str, clock: Callable[[], float],
+                 matchers: Matchers = Matchers()) -> None:
+        self._name, self._clock, self._matchers = name, clock, matchers
         self._stores: dict[str, ViewStore] = {}
         self._own: dict[str, ToldBond] = {}
         self._heard: dict[str, list[ToldBond]] = {}
@@ -99,9 +98,9 @@ class ElasticSession:
         if (len(views) < 2 or verdict.T_target_source is None
                 or not could_matter(verdict.probability, confidence)):
             return verdict
-        bond, rival = bond_of(views, target, source, verdict.T_target_source), None
+        bond, rival = self._matchers.bond(views, target, source, verdict.T_target_source), None
         if verdict.runner_up is not None and verdict.probability < RULES.clear:
-            rival = rival_of(bond, views, verdict.runner_up.T_target_source)
+            rival = self._matchers.rival(bond, views, verdict.runner_up.T_target_source)
         judged = judge_views(verdict, bond, rival, confidence)
         self._keep(peer, bond, judged.accepted, epochs)
         return judged
@@ -144,7 +143,7 @@ class ElasticSession:
         if key == self._solved_for or (self._solved_for and self._clock() < self._due):
             return
         start = self._clock()
-        poses = join(views, world, bonds, anchor=anchor)
+        poses = self._matchers.join(views, world, bonds, anchor)
         self._poses = {name: np.round(one, TUNING.digits) for name, one in poses.items()}
         self._solved_for, self._solved_views = key, views
         self.solutions += 1
@@ -171,7 +170,7 @@ class ElasticSession:
         if not self._poses:
             return None
         if self._drawn is not self._solved_for:
-            grid = draw_joint(self._solved_views, self._poses, TUNING.resolution)
+            grid = self._matchers.draw(self._solved_views, self._poses, TUNING.resolution)
             driven = np.concatenate([poses[:, :2] for poses in self._poses.values()])
             self._drawn, self._map = self._solved_for, SharedMap(grid, driven)
         return self._map

@@ -2,13 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a session compares maps: handed in, so that a simulation can remember what it did."""
 
+from collections.abc import Mapping, Sequence
+
 from somfusion_ros.fusion.alignment import align, Alignment
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learning import learn
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.team.bond import Bond
+from somfusion_ros.team.bond_codec import ToldBond
+from somfusion_ros.team.bonding import bond_of, rival_of
+from somfusion_ros.team.elastic import join
+from somfusion_ros.team.joint_map import draw_joint
 from somfusion_ros.team.screening import screen, Screening
+from somfusion_ros.team.view_set import ViewSet
 
 
 class Matchers:
@@ -23,3 +32,23 @@ class Matchers:
                cache: FusionCache) -> Screening:
         """Compare a map with a peer's clusters, before its whole map is asked for."""
         return screen(learn(own, config, cache), clusters, config)
+
+    def bond(self, views: Mapping[str, ViewSet], target: str, source: str, T_target_source: Pose
+             ) -> Bond:
+        """Ask the views of two robots about a pose."""
+        return bond_of(views, target, source, T_target_source)
+
+    def rival(self, bond: Bond, views: Mapping[str, ViewSet], T_target_source: Pose
+              ) -> Bond | None:
+        """Ask the views of a pair about another pose."""
+        return rival_of(bond, views, T_target_source)
+
+    def join(self, views: Mapping[str, ViewSet], world: Mapping[str, Pose],
+             bonds: Sequence[ToldBond], anchor: str) -> dict[str, Array]:
+        """Solve a team's problem."""
+        return join(views, world, bonds, anchor=anchor)
+
+    def draw(self, views: Mapping[str, ViewSet], poses: Mapping[str, Array], resolution: float
+             ) -> Grid:
+        """Draw a team's views at their poses (n, 3)."""
+        return draw_joint(views, poses, resolution)

@@ -83,7 +83,7 @@ class FusionSession:
         self._world = WorldWatch(name, TUNING.jump_distance, TUNING.jump_heading, say)
         self._drawing = GlobalDrawing(config.robot_radius, say)
         self._lapsed: set[str] = set()
-        self.elastic = ElasticSession(name, clock)
+        self.elastic = ElasticSession(name, clock, matchers=matchers)
         self.path: Array | None = None
         self.refresh()
 
