@@ -10,7 +10,7 @@ from somfusion_ros.geometry import apply, Array, between, compose, fit
 from somfusion_ros.settings import tuned
 from somfusion_ros.team.confirming import Confirmation
 from somfusion_ros.team.inter_matching import Placed
-from somfusion_ros.team.joint import InterMatch
+from somfusion_ros.team.joint_problem import InterMatch
 
 
 @dataclass(frozen=True)

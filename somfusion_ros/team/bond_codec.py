@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond import Bond
-from somfusion_ros.team.joint import InterMatch
+from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_facts import believed, MAX_VIEWS, UPPER
 
 VERSION = 1

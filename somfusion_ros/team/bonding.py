@@ -17,8 +17,9 @@ from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.team.bond import bend, Bond, BondSettings, weakest_direction
 from somfusion_ros.team.confirming import confirm, Confirmation, ConfirmSettings
 from somfusion_ros.team.inter_matching import match_views, MatchingSettings, Placed, Rounds
-from somfusion_ros.team.joint import InterMatch, JointSettings, solve_joint
+from somfusion_ros.team.joint import solve_joint
 from somfusion_ros.team.joint_map import draw_joint
+from somfusion_ros.team.joint_problem import InterMatch, JointSettings
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.wall_agreement import wall_agreement
 

@@ -17,7 +17,8 @@ from somfusion_ros.geometry import Array, between, compose, fit, Pose
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bonding import bond_of, ElasticSettings
 from somfusion_ros.team.constraint import with_drift
-from somfusion_ros.team.joint import InterMatch, solve_joint
+from somfusion_ros.team.joint import solve_joint
+from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_set import ViewSet
 
 
@@ -60,7 +61,8 @@ class Joined(Protocol):
 
 
 def join(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bonds: Iterable[Joined],
-         settings: ElasticSettings | None = None, anchor: str = '') -> dict[str, Array]:
+         settings: ElasticSettings | None = None, anchor: str = '',
+         start: Mapping[str, Array] | None = None) -> dict[str, Array]:
     """
     Solve all constraints; return where all views (n, 3) lie in the world, by robot.
 
@@ -71,6 +73,7 @@ def join(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bonds: Iterab
     bonds : that hold
     settings : of every step
     anchor : the robot whose map stays, at best, where it is; by default the first by name
+    start : what was found of a little less, from where a step or two lead to nearly the same
     """
     names = sorted(robots)
     maps = {name: np.array(world[name]) for name in names}
@@ -78,7 +81,7 @@ def join(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bonds: Iterab
         m.target, m.source, m.target_view, m.source_view))
     ties = [_tie(robots, maps, names[0], group[0]) for group in _groups(names, matches)[1:]]
     solved = solve_joint(robots, [*matches, *ties], maps,
-                         (settings or ElasticSettings()).joint).poses
+                         (settings or ElasticSettings()).joint, start).poses
     first = anchor if anchor in robots else names[0]
     back = _best_rigid(solved[first], compose(maps[first], robots[first].poses))
     return {name: compose(back, poses) for name, poses in solved.items()}

@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 from somfusion_ros.fusion.alignment import Alignment
-from somfusion_ros.geometry import Array, compose, inverse, Pose
+from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, told, ToldBond
-from somfusion_ros.team.joint import InterMatch
+from somfusion_ros.team.gliding import Glide
+from somfusion_ros.team.joint_drawing import JointDrawing
+from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.view_set import ViewSet
@@ -28,12 +30,13 @@ from somfusion_ros.team.view_verdict import could_matter, judge_views, RULES
 
 @dataclass(frozen=True)
 class LiveTuning:
-    """How often the team's problem is solved, and how far things move at once."""
+    """How often the team's problem is solved, and how its solution is drawn."""
 
     digits: int = tuned(4, 'digits', 'of the poses that are drawn and published [m, rad], so that '
                         'all robots draw alike', 'by design')
     resolution: float = tuned(0.05, 'm', 'of the map that is drawn of views', 'by design')
-    share: float = tuned(10.0, '', 'solving takes one part in so many of the time at most',
+    share: float = tuned(10.0, '', 'solving the whole takes one part in so many of the time at '
+                         'most, going on from the last solution another, drawing all a third',
                          'by design')
     soonest: float = tuned(2.0, 's', 'between two solutions', 'by design')
 
@@ -47,18 +50,23 @@ class ElasticSession:
     """One robot's views and bonds of its team, and what follows from them."""
 
     def __init__(self, name: str, clock: Callable[[], float],
+                 say: Callable[[str], object] = lambda text: None,
                  matchers: Matchers = Matchers()) -> None:
         self._name, self._clock, self._matchers = name, clock, matchers
         self._stores: dict[str, ViewStore] = {}
         self._own: dict[str, ToldBond] = {}
         self._heard: dict[str, list[ToldBond]] = {}
-        self._poses: dict[str, Array] = {}
+        self._glide = Glide(say)
         self._solved_for: Any = None
-        self._drawn: Any = None
-        self._map: SharedMap | None = None
+        self._joined: Any = None
+        self._anchor = ''
+        self._solved_epochs: dict[str, Epoch] = {}
+        self._solved: dict[str, Array] = {}
+        self._hurried = False     # the whole is still to be solved for what is known
+        self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw)
         self._solved_views: dict[str, ViewSet] = {}
         self._last_heard: dict[str, bytes] = {}
-        self._due = 0.0
+        self._due = self._whole_due = 0.0
         self.solutions = 0
 
     def take_views(self, robot: str, batch: bytes) -> None:
@@ -136,19 +144,52 @@ class ElasticSession:
                  and bond.epochs == (epochs[bond.target], epochs[bond.source])
                  and _known(bond.matches, views)]
         if len(views) < 2 or not bonds:
-            self._poses, self._solved_for = {}, None
+            self._glide.aim({}, None)
+            self._solved_for = None
             return
         key = ({name: id(one) for name, one in views.items()}, anchor,
                sorted((bond.target, bond.source, bond.matches) for bond in bonds))
-        if key == self._solved_for or (self._solved_for and self._clock() < self._due):
-            return
-        start = self._clock()
-        poses = self._matchers.join(views, world, bonds, anchor)
-        self._poses = {name: np.round(one, TUNING.digits) for name, one in poses.items()}
-        self._solved_for, self._solved_views = key, views
+        group = anchor, tuple((name, str(epochs[name])) for name in sorted(views))
+        if anchor != self._anchor:
+            self._solved_for, self._anchor = None, anchor      # all lies elsewhere now
+        self._glide.keep(name for name in views if self._solved_epochs.get(name) == epochs[name])
+        if self._solve(key, (group, {(bond.target, bond.source) for bond in bonds}),
+                       lambda: self._matchers.join(views, world, bonds, anchor),
+                       lambda: self._matchers.go_on(views, world, bonds, anchor, self._solved)):
+            self._solved_views = views
+            self._solved_epochs = {name: epochs[name] for name in views}
+            self._glide.aim(self._solved, group)
+        elif self._drawing.drawn is self._glide.shown:     # else the last step was not shown yet
+            self._glide.step(self._clock())
+
+    def _solve(self, key: Any, joined: Any, whole: Callable[[], dict[str, Array]],
+               go_on: Callable[[], dict[str, Array]]) -> bool:
+        """
+        Solve the problem named by a key where it is time to; return whether it was.
+
+        The whole is solved when its share of the time allows, so that in the end all robots have
+        the same. Meanwhile, as long as the same are joined, a step or two lead on from the last
+        solution.
+        """
+        start, new = self._clock(), key != self._solved_for
+        if self._solved_for is None or ((new or self._hurried) and start >= self._whole_due):
+            poses = whole()
+            self._hurried = False
+            self._whole_due = start + self._pause(start)
+        elif new and joined == self._joined and start >= self._due:
+            poses = go_on()
+            self._hurried = True
+        else:
+            return False
+        self._due = start + self._pause(start)
+        self._solved = {name: np.round(one, TUNING.digits) for name, one in poses.items()}
+        self._solved_for, self._joined = key, joined
         self.solutions += 1
-        took = self._clock() - start
-        self._due = start + max(TUNING.soonest, TUNING.share * took)
+        return True
+
+    def _pause(self, start: float) -> float:
+        """Return how long [s] after its start the next one like what just ended may begin."""
+        return max(TUNING.soonest, TUNING.share * (self._clock() - start))
 
     def places(self, path: Array | None) -> dict[str, Pose]:
         """
@@ -157,7 +198,7 @@ class ElasticSession:
         path (n, 3): the views of this robot in its own map as it is now, where that is known.
         """
         found = {}
-        for robot, poses in self._poses.items():
+        for robot, poses in self._glide.shown.items():
             own = self._solved_views[robot].poses
             last = len(poses) - 1
             if robot == self._name and path is not None and len(path) > last:
@@ -165,20 +206,23 @@ class ElasticSession:
             found[robot] = Pose.from_array(compose(poses[last], inverse(own[last])))
         return found
 
+    def seen(self, peers: Mapping[str, Pose], placed: Mapping[str, Pose]) -> dict[str, Pose]:
+        """Return T_own_peer by peer, of placed maps, as the views have them where they came."""
+        bent = {*self.solved} if self._name in self._glide.shown else set()
+        return {peer: Pose.from_array(between(placed[self._name], placed[peer]))
+                if peer in bent else pose for peer, pose in peers.items()}
+
     def draw(self) -> SharedMap | None:
         """Draw the views of all that are solved; None without a solution, the same while it is."""
-        if not self._poses:
+        shown = self._glide.shown
+        if not shown:
             return None
-        if self._drawn is not self._solved_for:
-            grid = self._matchers.draw(self._solved_views, self._poses, TUNING.resolution)
-            driven = np.concatenate([poses[:, :2] for poses in self._poses.values()])
-            self._drawn, self._map = self._solved_for, SharedMap(grid, driven)
-        return self._map
+        return self._drawing.draw(self._solved_views, shown)
 
     @property
     def solved(self) -> list[str]:
         """Robots whose views lie in the solution."""
-        return sorted(self._poses)
+        return sorted(self._glide.shown)
 
 
 def _known(matches: tuple[InterMatch, ...], views: Mapping[str, ViewSet]) -> bool:

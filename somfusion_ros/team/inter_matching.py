@@ -16,7 +16,7 @@ from somfusion_ros.slam import loop_matching
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loops import Candidate
-from somfusion_ros.team.joint import InterMatch
+from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_set import ViewSet
 
 

@@ -48,6 +48,12 @@ class Matchers:
         """Solve a team's problem."""
         return join(views, world, bonds, anchor=anchor)
 
+    def go_on(self, views: Mapping[str, ViewSet], world: Mapping[str, Pose],
+              bonds: Sequence[ToldBond], anchor: str, start: Mapping[str, Array]
+              ) -> dict[str, Array]:
+        """Solve a team's problem nearly, from where most of it lay (n, 3) by robot."""
+        return join(views, world, bonds, anchor=anchor, start=start)
+
     def draw(self, views: Mapping[str, ViewSet], poses: Mapping[str, Array], resolution: float
              ) -> Grid:
         """Draw a team's views at their poses (n, 3)."""

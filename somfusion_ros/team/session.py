@@ -83,7 +83,7 @@ class FusionSession:
         self._world = WorldWatch(name, TUNING.jump_distance, TUNING.jump_heading, say)
         self._drawing = GlobalDrawing(config.robot_radius, say)
         self._lapsed: set[str] = set()
-        self.elastic = ElasticSession(name, clock, matchers=matchers)
+        self.elastic = ElasticSession(name, clock, say, matchers)
         self.path: Array | None = None
         self.refresh()
 
@@ -199,7 +199,8 @@ class FusionSession:
         placed = self._bent(anchored(group, anchor), anchor_of(group, anchor))
         self._world.look(placed, anchor_of(group, anchor))
         self.snapshot = Snapshot(
-            self._team.own_transforms(), tuple(self._team.own_constraints()), solution,
+            self.elastic.seen(self._team.own_transforms(), placed),
+            tuple(self._team.own_constraints()), solution,
             {peer: pair.last for peer, pair in pairs.items() if pair.last is not None},
             dict(self._words),
             frozenset({peer for peer, pair in pairs.items() if pair.settled}

@@ -20,10 +20,11 @@ class Snapshot:
     """
     The team as it is known now.
 
-    own_transforms: T_own_peer of the pairs that the robot itself accepted; constraints: the same
-    with covariances, as peers are told; solution: where all maps lie; verdicts: the newest
-    alignment with each peer; words: what became of it; settled: the peers on whose present maps
-    the last word is said; wanted: the peers whose whole maps are of use; departed, departed_maps:
+    own_transforms: T_own_peer of the pairs that the robot itself accepted, as the views have them
+    where they came; constraints: the same without views, with covariances, as peers are told;
+    solution: where all maps lie; verdicts: the newest alignment with each peer; words: what became
+    of it; settled: the peers on whose present maps the last word is said; wanted: the peers whose
+    whole maps are of use; departed, departed_maps:
     robots that are gone, with their maps; sources: who has the map of a robot that is gone; jumps:
     accepted transforms that changed by much; anchor: the robot whose map frame `world` is where
     it is connected; world_changes: how often `world` changed for this robot; doubted: peers whose

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from somfusion_ros.geometry import between, Pose
+from somfusion_ros.team.gliding import TUNING as STEP
 from somfusion_ros.team.words import ordinal
 
 
@@ -31,20 +32,23 @@ class WorldWatch:
     Notices that `world` changed for one robot: goals and maps in it are elsewhere now.
 
     changes: how often it did. A change is a move of T_world_map by more than a distance [m] or a
-    heading [rad] since the last one, or another robot's map frame in its place.
+    heading [rad] since the last one, by more than a step (STEP) at once, or another robot's map
+    frame in its place.
     """
 
     def __init__(self, robot: str, distance: float, heading: float,
                  say: Callable[[str], object]) -> None:
         self._robot, self._distance, self._heading, self._say = robot, distance, heading, say
         self._anchor, self._place = robot, Pose()
+        self._last = Pose()
         self.changes = 0
 
     def look(self, world: Mapping[str, Pose], anchor: str) -> None:
         """Compare T_world_map by robot, in the map frame of an anchor, with what it was."""
         place = world[self._robot]
-        x, y, theta = between(self._place, place)
-        moved = np.hypot(x, y) > self._distance or abs(theta) > self._heading
+        moved = (_apart(self._place, place, self._distance, self._heading)
+                 or _apart(self._last, place, STEP.distance, STEP.heading))
+        self._last = place
         if not moved and anchor == self._anchor:
             return
         self.changes += 1
@@ -54,3 +58,9 @@ class WorldWatch:
                   f'frame of {self._anchor}, at {self._place.x:.2f} m, {self._place.y:.2f} m, '
                   f'{np.degrees(self._place.theta):.1f} deg)')
         self._anchor, self._place = anchor, place
+
+
+def _apart(a: Pose, b: Pose, distance: float, heading: float) -> bool:
+    """Return whether two poses lie farther apart than a distance [m] or a heading [rad]."""
+    x, y, theta = np.array(between(a, b)) * (1.0 - 1e-6)     # a step may be just as long
+    return bool(np.hypot(x, y) > distance or abs(theta) > heading)

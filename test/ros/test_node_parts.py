@@ -6,6 +6,7 @@ import logging
 from pathlib import Path
 import sys
 from types import SimpleNamespace
+from typing import Any
 
 from helpers import fake_grid, fake_room, need_data, need_ros
 import pytest
@@ -26,9 +27,11 @@ from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
 from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
+from somfusion_ros.ros.fusion.view_link import ViewLink  # noqa: E402
 from somfusion_ros.team.heard import Heard  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
+from std_msgs.msg import UInt8MultiArray  # noqa: E402
 
 
 class Log:
@@ -178,3 +181,37 @@ def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> 
 def test_a_bag_that_is_none_is_said_by_the_player(tmp_path: Path) -> None:
     with pytest.raises(Exception, match='nothing'):
         open_bag(tmp_path / 'nothing').open()
+
+
+class TopicsOnly:
+    """A node that only notes who publishes and listens where, by the topic's whole name."""
+
+    def __init__(self, **remapped: str) -> None:
+        self.heard: dict[str, Any] = {}
+        self.told: dict[str, list[Any]] = {}
+        self._remapped = remapped
+
+    def create_subscription(self, _: type, topic: str, callback: Any, qos: Any) -> Any:
+        """Listen to a topic."""
+        name = self._remapped.get(topic, topic if topic.startswith('/') else f'/{topic}')
+        self.heard[name] = callback
+        return SimpleNamespace(topic_name=name)
+
+    def create_publisher(self, _: type, topic: str, qos: Any) -> Any:
+        """Publish on a topic."""
+        told = self.told.setdefault(topic if topic.startswith('/') else f'/{topic}', [])
+        return SimpleNamespace(publish=told.append)
+
+
+@pytest.mark.parametrize(('prefix', 'remapped', 'retold'), [
+    ('/robot1/', {}, True), ('/robot1/', {'views': '/robot1/views'}, False), ('', {}, False)])
+def test_views_of_a_robot_in_the_root_namespace_are_told_below_its_name(
+        prefix: str, remapped: dict[str, str], retold: bool) -> None:
+    node, kept = TopicsOnly(**remapped), []
+    inbox = SimpleNamespace(keep_batch=lambda robot, data: kept.append((robot, data)))
+    session = FusionSession('robot1', TeamConfig(), FusionConfig(), lambda line: None)
+    ViewLink(node, prefix, 'robot1', session, inbox, lambda kind, reason: None)
+    message = UInt8MultiArray(data=b'some views')
+    node.heard[remapped.get('views', '/views')](message)
+    assert kept == [('robot1', b'some views')]
+    assert node.told.get('/robot1/views', []) == ([message] if retold else [])

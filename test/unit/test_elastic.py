@@ -16,8 +16,9 @@ from somfusion_ros.team.bonding import rival_of
 from somfusion_ros.team.confirming import confirm, ConfirmSettings
 from somfusion_ros.team.elastic import ElasticTeam, straighten
 from somfusion_ros.team.inter_matching import MatchingSettings, Placed
-from somfusion_ros.team.joint import InterMatch
+from somfusion_ros.team.joint_drawing import JointDrawing
 from somfusion_ros.team.joint_map import along, draw_joint, Held
+from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_set import ViewSet
 
 pytestmark = pytest.mark.slow
@@ -169,6 +170,26 @@ def test_what_was_taken_away_is_cleared_whoever_saw_it_last() -> None:
     cells = tuple(alone.point_to_cell(on_post).T)
     assert alone.evidence[cells].min() < 0.0
     assert drawn.evidence[tuple(drawn.point_to_cell(on_post).T)].min() > 0.0
+
+
+def test_late_words_are_drawn_at_once_and_in_their_order_at_leisure() -> None:
+    views, truth, _ = bent_team()
+    now = [0.0]
+
+    def clock() -> float:
+        now[0] += 1.0      # all takes its time
+        return now[0]
+
+    drawing, whole = JointDrawing(0.05, 10.0, clock), draw_joint(views, truth, 0.05)
+    first = {'robot1': truth['robot1'], 'robot2': truth['robot2'][:20]}
+    drawing.draw(views, first)
+    late = dict(truth)
+    at_once = drawing.draw(views, late)
+    assert at_once.grid.known.sum() >= 0.99 * whole.known.sum()
+    while drawing.draw(views, late) is at_once:
+        assert now[0] < 100.0
+    assert np.array_equal(drawing.draw(views, late).grid.evidence, whole.evidence)
+    assert drawing.draw(views, late) is drawing.draw(views, late)
 
 
 def test_a_rival_that_bends_into_the_same_place_is_none() -> None:

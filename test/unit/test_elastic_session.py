@@ -8,7 +8,7 @@ from helpers import checkpoint
 import numpy as np
 import pytest
 from somfusion_ros.fusion.alignment import Alignment
-from somfusion_ros.geometry import Pose
+from somfusion_ros.geometry import compose, Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond_codec import decode_bonds
 from somfusion_ros.team.elastic_session import ElasticSession
@@ -80,6 +80,50 @@ def test_a_robot_is_where_its_last_view_is() -> None:
     there = one.places(moved)
     assert there['robot1'].x - bent['robot1'].x == pytest.approx(-0.5, abs=0.05)
     assert there['robot2'] == bent['robot2']
+
+
+def test_transforms_to_peers_are_those_of_the_views() -> None:
+    one, _, world = team()
+    assert one.seen({'robot2': world['robot2']}, world) == {'robot2': world['robot2']}
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    one.update(world, EPOCHS, 'robot1')
+    placed = {**one.places(None), 'robot3': Pose(9.0, 9.0, 0.0)}
+    seen = one.seen({'robot2': world['robot2'], 'robot3': Pose(1.0, 0.0, 0.0)}, placed)
+    assert compose(placed['robot1'], seen['robot2']) == pytest.approx(placed['robot2'], abs=1e-9)
+    assert seen['robot3'] == Pose(1.0, 0.0, 0.0)      # of it no views came
+
+
+def test_new_views_are_solved_in_passing_and_the_whole_at_leisure() -> None:
+    """In the end both robots have the same, to the bit, whatever came in which order."""
+    _, two, world = team()
+    views, _, _ = bent_team()
+    early = ElasticSession('robot1', lambda: now[0])
+    now, told = [0.0], {name: batches(views[name], EPOCHS[name]) for name in EPOCHS}
+    for name, parts in told.items():
+        for batch in parts[:-1]:
+            early.take_views(name, batch)
+    early.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    early.update(world, EPOCHS, 'robot1')
+    early.draw()
+    for name, parts in told.items():
+        early.take_views(name, parts[-1])
+    early._whole_due = 100.0      # as after a solution of a large team
+    now[0] = 50.0
+    early.update(world, EPOCHS, 'robot1')
+    assert early.solutions == 2
+    two.take_bonds('robot1', early.own_bonds())
+    two.update(world, EPOCHS, 'robot2')
+    two.update(world, EPOCHS, 'robot1')
+    there = two.draw()
+    for name in EPOCHS:
+        assert early._solved[name] == pytest.approx(two._solved[name], abs=0.05)
+    for k in range(30):
+        now[0] = 101.0 + k
+        early.update(world, EPOCHS, 'robot1')
+        early.draw()
+    assert early.solutions == 3
+    assert np.array_equal(early.draw().grid.evidence, there.grid.evidence)
+    assert early.places(None) == two.places(None)
 
 
 def test_doubled_and_disordered_batches_change_nothing() -> None:

@@ -8,8 +8,9 @@ from somfusion_ros.geometry import Array, between, compose
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.smoothing import solve
-from somfusion_ros.team.joint import InterMatch, JointSettings, solve_joint
-from somfusion_ros.team.thinning import hung, Spine
+from somfusion_ros.team.joint import solve_joint
+from somfusion_ros.team.joint_problem import InterMatch, JointSettings
+from somfusion_ros.team.thinning import Constraints, hung, Spine
 from somfusion_ros.team.view_set import ViewSet
 
 STEP = np.diag([0.02, 0.01, 0.01])      # [m] [m] [rad] sigma of a step between views
@@ -71,7 +72,7 @@ def test_a_thinned_chain_is_as_good_as_the_whole() -> None:
     assert thin.nodes.tolist() == [0, 8, 16, 24, 32]
     samples = np.array([robot(circle(33, 0.5), seed).poses for seed in range(100, 700)])
     end = between(samples[:, 8], samples[:, 16])
-    found, said = np.cov(end.T), thin.links[1].R
+    found, said = np.cov(end.T), thin.links.R[1]
     assert np.sqrt(np.diag(found)) == pytest.approx(np.sqrt(np.diag(said)), rel=0.12)
     assert thin.follow(views.poses[thin.nodes]) == pytest.approx(views.poses, abs=1e-9)
 
@@ -80,11 +81,11 @@ def test_a_loop_hangs_on_the_nearest_nodes_without_loss() -> None:
     views = robot(circle(33, 0.5), 4)
     thin = Spine(views.steps, 8)
     loop = Constraint(3, 30, between(views.poses[3], views.poses[30]), MATCH ** 2)
-    moved = hung(loop, thin, thin)
-    assert (moved.first, moved.second) == (0, 4)
+    first, second, z, R = (part[0] for part in hung(Constraints.of([loop]), thin, thin))
+    assert (first, second) == (0, 4)
     nodes = views.poses[thin.nodes]
-    assert moved.z == pytest.approx(between(nodes[0], nodes[4]), abs=1e-9)
-    assert np.linalg.eigvalsh(moved.R - loop.R * 0.9)[0] > 0.0     # it only gets less certain
+    assert z == pytest.approx(between(nodes[0], nodes[4]), abs=1e-9)
+    assert np.linalg.eigvalsh(R - loop.R * 0.9)[0] > 0.0     # it only gets less certain
 
 
 def test_the_solution_is_that_of_all_views() -> None:

@@ -46,6 +46,16 @@ def test_every_change_of_world_is_said_and_counted() -> None:
     assert watch.changes == len(said) == 3
 
 
+def test_a_large_step_is_said_also_where_it_leads_back() -> None:
+    said: list[str] = []
+    watch = WorldWatch('b', 0.2, 0.1, said.append)
+    for x in (0.1, 0.19, 0.04):    # never 0.2 m from what was said; the last one is one step
+        watch.look({'b': Pose(x, 0.0, 0.0)}, 'b')
+    assert not said
+    watch.look({'b': Pose(0.195, 0.0, 0.0)}, 'b')
+    assert len(said) == 1
+
+
 @pytest.mark.parametrize(('word', 'reason', 'expected'), [
     ('refused', 'refused: the target map shows too little', "refused: a's map shows too little"),
     ('refused', 'ambiguous: two places', 'ambiguous: two places'),

@@ -23,7 +23,11 @@ from std_msgs.msg import UInt8MultiArray
 
 
 class ViewLink:
-    """One robot's end of the elastic map; prefix: where its topics for the team stand."""
+    """
+    One robot's end of the elastic map; prefix: where its topics for the team stand.
+
+    Where that is not the namespace, what slam_node tells of its path is told there again.
+    """
 
     def __init__(self, node: Any, prefix: str, robot: str, session: FusionSession,
                  inbox: ViewInbox, count: Callable[..., None]) -> None:
@@ -32,8 +36,11 @@ class ViewLink:
         self._said = session.elastic.own_bonds()
         self._bonds = node.create_publisher(UInt8MultiArray, f'{prefix}{names.TEAM_BONDS}',
                                             qos.LATCHED)
-        node.create_subscription(UInt8MultiArray, names.VIEWS,
-                                 partial(self._on_views, robot), qos.LOG)
+        own = node.create_subscription(UInt8MultiArray, names.VIEWS,
+                                       partial(self._on_own_views, robot), qos.LOG)
+        there = f'{prefix}{names.VIEWS}'
+        self._retold = (node.create_publisher(UInt8MultiArray, there, qos.LOG)
+                        if prefix and own.topic_name != there else None)
         node.create_subscription(Path, names.PATH, self._on_path, qos.LATEST)
 
     def want(self, peers: Collection[str]) -> None:
@@ -51,6 +58,12 @@ class ViewLink:
         if data != self._said:
             self._said = data
             self._bonds.publish(bytes_message(data))
+
+    def _on_own_views(self, robot: str, message: UInt8MultiArray) -> None:
+        """Keep what the own slam_node tells; tell it again where the others look for it."""
+        self._on_views(robot, message)
+        if self._retold is not None:
+            self._retold.publish(message)
 
     def _on_views(self, robot: str, message: UInt8MultiArray) -> None:
         """Keep what a robot tells of its path."""
