@@ -68,6 +68,8 @@ def search(scan: Cloud, target: LocalMap, centres: ArrayLike, reach: float, turn
     Without the rival, whatever cannot hold the best pose is left out early. A pose that does not
     score more than `least` is not looked for; where there is none, the first centre is returned.
     """
+    if min(len(scan), len(target)) == 0:
+        return Peak(np.atleast_2d(centres)[0].astype(float), 0.0, 0.0)
     field, corner = target.field
     points = scan.points[np.linspace(0, len(scan) - 1, min(TUNING.beams, len(scan))).astype(int)]
     arm = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80))

@@ -96,6 +96,8 @@ def refine(scan: Cloud, target: LocalMap, seed: Array, hold: Array | None = None
     hold is information (3, 3) that keeps the pose at the seed where the surface fixes nothing;
     it is not part of the information returned.
     """
+    if not len(target):
+        return _unmatched(seed)
     x = np.array(seed, dtype=float)
     scale = TUNING.oversampling * TUNING.range_sigma ** 2
     prior = 1e-6 * np.eye(3) + (0.0 if hold is None else hold)

@@ -9,7 +9,7 @@ that match; what it knew of the way since is dropped, so that nothing is counted
 al. 2007).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +73,13 @@ def nearest(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamCo
     apart[~usable] = np.inf
     if np.count_nonzero(apart < TUNING.near) < TUNING.enough:
         return None
+    return int(np.argmin(apart))
+
+
+def nearest_seen(pose: Array, poses: Array, clouds: Sequence[Cloud], config: SlamConfig) -> int:
+    """Return the nearest of the views at poses (n, 3) that show anything."""
+    apart = distance(pose, poses, config)
+    apart[[not len(cloud) for cloud in clouds]] = np.inf
     return int(np.argmin(apart))
 
 

@@ -34,7 +34,7 @@ class SingleMap:
     closed by `closer.work`, which may run in another thread; the lock guards the graph.
     """
 
-    grows = True
+    grows = True   # whether what is seen becomes part of the map
 
     def __init__(self, config: SlamConfig, counters: Counter[str],
                  checkpoint: Checkpoint | None = None) -> None:
@@ -66,7 +66,7 @@ class SingleMap:
             is_due = self._is_due(track, seen)
             self.astray = self._is_astray(is_due)
             is_view = (is_due and not self.astray and not self._goes_on(track, seen)
-                       and self.grows)
+                       and self._keeps(track))
             if is_view:
                 self._add_view(stamp, seen, track)
             return self._record(stamp, seen, odometry, track, is_view)
@@ -114,12 +114,15 @@ class SingleMap:
         return bool(np.hypot(x, y) >= share * self.config.minimum_travel_distance
                     or abs(theta) >= share * self.config.minimum_travel_heading)
 
+    def _keeps(self, track: Track) -> bool:
+        """Return whether a view that is due is kept."""
+        return True
+
     def _add_view(self, stamp: float, seen: Cloud, track: Track) -> None:
         """Add the current pose to the filter, and match against what it saw from now on."""
         new = self.graph.ekf.augment(track.T_view_base, track.R, self._at)
         if new:
-            self.graph.constraints.append(
-                Constraint(self._at, new, track.T_view_base, track.R))
+            self.graph.constraints.append(Constraint(self._at, new, track.T_view_base, track.R))
         self.graph.clouds.append(seen)
         self.graph.centres.append(loops.centre(seen))
         self.graph.stamps.append(stamp)
@@ -176,7 +179,7 @@ class SingleMap:
         """Go on at a pose (3,) with covariance (3, 3); a scan of a stamp [s] was taken there."""
         with self.lock:
             poses = self.graph.ekf.poses
-            view = int(np.argmin(places.distance(pose, poses, self.config)))
+            view = places.nearest_seen(pose, poses, self.graph.clouds, self.config)
             tracker = tracker or self.tracker
             tracker.config, self.tracker, self._blind = self.config, tracker, 0
             self._go_on(view, self._local_map(view, self._members(view)),
@@ -217,10 +220,8 @@ class SingleMap:
     def _record(self, stamp: float, seen: Cloud, odometry: Odometry, track: Track,
                 is_view: bool) -> Step:
         """Record the scan for trajectory and map; return what it did."""
-        for name, true in (('matches_accepted', track.matched), ('views', is_view),
-                           (track.reason, bool(track.reason))):
-            if true:
-                self.counters[name] += 1
+        self.counters.update(matches_accepted=int(track.matched), views=int(is_view))
+        self.counters.update([track.reason] if track.reason else [])
         hung = self.tracker.T_view_base
         if self.graph.clouds:
             self.graph.trail.append(stamp, self._at, hung)

@@ -102,7 +102,7 @@ class Tracker:
         before, previous, was_lost = self.T_view_base, self.odometry, self.lost
         reason = self._predict(odometry)
         matched, ratio = False, 0.0
-        if self.around is not None and len(scan) >= FEWEST:
+        if self.around is not None and min(len(scan), len(self.around)) >= FEWEST:
             match, matched = self._match(scan, self.around, before, bool(reason))
             self._keep_anchor(match, previous, before)
             ratio = match.inlier_ratio

@@ -25,6 +25,9 @@ METRES, RADIANS = 0.1, np.radians(1.0)   # off the truth once found
 FIRST = [(1.5, 5.2), (14.2, 5.2), (14.2, 8.0), (14.2, 5.2), (5.4, 5.2), (5.4, 8.0), (5.4, 5.2),
          (4.4, 5.2), (4.4, 2.5), (4.4, 5.2), (2.0, 5.2)]
 SECOND = [(14.2, 8.0), (14.2, 5.2), (5.4, 5.2), (5.4, 8.0)]
+# As the second, but through two rooms that the first did not see.
+OUTSIDE = [*SECOND[:2], (11.3, 5.2), (11.3, 8.0), (9.8, 8.0), (11.3, 8.0), (11.3, 5.2),
+           (7.4, 5.2), (7.4, 2.5), (9.5, 2.5), (7.4, 2.5), (7.4, 5.2), *SECOND[2:]]
 
 
 def trial(way: list[tuple[float, float]], heading: float, seed: int,
@@ -119,6 +122,22 @@ def test_a_robot_is_tracked_in_a_drawn_map(mapped: tuple[Checkpoint, Slam]) -> N
     steps = run(slam, trial(SECOND, -np.pi / 2, 6), IN_MAP)
     assert_found(slam, steps)
     assert slam.grid() is grid
+
+
+def test_a_robot_that_leaves_the_map_and_comes_back_is_never_lost(
+        mapped: tuple[Checkpoint, Slam]) -> None:
+    grid = mapped[1].grid()
+    checkpoint = grid_checkpoint(grid)
+    slam = Slam(checkpoint=checkpoint, start=Start(localization=True, anywhere=True, drawn=grid))
+    steps = run(slam, trial(OUTSIDE, -np.pi / 2, 8), IN_MAP)
+    assert_found(slam, steps)
+    assert not any(step.reason for step, _ in steps if step.stamp > slam.found[0].stamp)
+    assert slam.counters['loops_accepted'] > 0             # views of its own hung on the map
+    after = slam.checkpoint()
+    assert np.array_equal(after.poses, checkpoint.poses)
+    assert after.trail[:, 1].max() < len(checkpoint.poses)
+    place = compose(checkpoint.poses[after.trail[:, 1].astype(int)], after.trail[:, 2:])
+    assert np.abs(place - slam.driven()[1]).max() < 0.001
 
 
 def test_a_pose_by_hand_ends_the_search(mapped: tuple[Checkpoint, Slam]) -> None:
