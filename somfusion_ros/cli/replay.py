@@ -31,6 +31,9 @@ def add(commands: Commands) -> None:
     command.add_argument('--laser-pose', type=pose, metavar='X,Y,THETA',
                          help='laser in the base frame [m, m, rad], instead of tf_static; '
                               'write --laser-pose=-0.1,0,0 where X is negative')
+    command.add_argument('--beam-order', choices=['auto', 'rising', 'falling', 'at_once'],
+                         help='order in time of the beams of a scan (default: learned while the '
+                              'robot turns)')
     command.add_argument('--wheel-radius', type=positive, metavar='M', help='for encoders [m]')
     command.add_argument('--wheel-separation', type=positive, metavar='M',
                          help='for encoders [m]')
@@ -63,7 +66,8 @@ def run(options: argparse.Namespace) -> None:
     bags = BagOptions(options.scan_topic, options.odom_topic, options.odometry_source,
                       options.laser_pose, options.wheel_radius, options.wheel_separation)
     replay(options.bags, options.output, ReplayOptions(
-        bags, make(SlamConfig, values, **given(resolution=options.resolution)),
+        bags, make(SlamConfig, values, **given(resolution=options.resolution,
+                                               beam_order=options.beam_order)),
         make(FusionConfig, values, **given(method=options.method)),
         options.jobs, not options.no_report, options.bag, tuple(options.namespaces),
         options.state, options.localize))

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from somfusion_ros.settings import parameter, validate
 
+AUTO = 'auto'
+BEAM_ORDERS = (AUTO, 'rising', 'falling', 'at_once')
+
 
 @dataclass(frozen=True)
 class SlamConfig:
@@ -15,6 +18,11 @@ class SlamConfig:
         0.05, 'm', 0.005, 1.0, 'Edge of a map cell; smaller is finer and costs memory.')
     max_laser_range: float = parameter(
         30.0, 'm', 0.1, 1000.0, 'Returns beyond this range are not used.')
+    beam_order: str = parameter(
+        AUTO, '', None, None,
+        'Order in time of the beams of a scan that has a time_increment: rising, falling (the '
+        'driver turned the beams of a clockwise laser round), at_once (the driver undid the '
+        'motion already); auto: learned while the robot turns, and as told until then.')
     minimum_travel_distance: float = parameter(
         0.4, 'm', 0.01, 10.0, 'A new view is kept after this travel; fewer views cost less.')
     minimum_travel_heading: float = parameter(
@@ -46,3 +54,6 @@ class SlamConfig:
 
     def __post_init__(self) -> None:
         validate(self)
+        if self.beam_order not in BEAM_ORDERS:
+            raise ValueError(f'beam_order = {self.beam_order!r} is none of '
+                             f'{", ".join(BEAM_ORDERS)}')

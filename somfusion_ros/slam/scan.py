@@ -22,9 +22,10 @@ class Scan:
     A planar laser scan (sensor_msgs/LaserScan, REP-117).
 
     stamp [s] of the first beam, ranges (B,) [m], angles [rad] in the laser frame, range limits
-    [m], time_increment [s] between beams, and the laser's mount on the robot. open_reach (B,)
-    [m]: how far a beam without a return frees space, None: as far as the laser reaches. laser: a
-    name of the laser that took it; odd: what had to be mended in the message.
+    [m], time_increment [s] between beams, negative where they were taken in falling order (the
+    stamp is then that of the last beam), and the laser's mount on the robot. open_reach (B,) [m]:
+    how far a beam without a return frees space, None: as far as the laser reaches. laser: a name
+    of the laser that took it; odd: what had to be mended in the message.
     """
 
     stamp: float
@@ -41,13 +42,13 @@ class Scan:
 
     @property
     def sweep(self) -> float:
-        """Time [s] from the first beam to the last; 0 where it is not known."""
-        return self.beam_time * len(self.ranges)
+        """Time [s] that all beams take; 0 where it is not known."""
+        return abs(self.beam_time) * len(self.ranges)
 
     @property
     def beam_time(self) -> float:
-        """Time [s] from beam to beam; 0 where it is not known."""
-        possible = 0.0 < self.time_increment * len(self.ranges) < LONGEST_SWEEP
+        """Time [s] from beam to beam, negative in falling order; 0 where it is not known."""
+        possible = abs(self.time_increment) * len(self.ranges) < LONGEST_SWEEP
         return self.time_increment if possible else 0.0
 
     def fault(self) -> str:
@@ -159,10 +160,12 @@ def _spacing(points: Array, joined: NDArray[np.bool_]) -> float:
 
 
 def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
-    """Move each beam's point (B, 2) from the base where it was taken to the base at beam 0."""
+    """Move each beam's point (B, 2) from the base where it was taken to that at the stamp."""
     if time_increment == 0.0 or twist is None:
         return points
-    t = time_increment * np.arange(len(points))
+    t = abs(time_increment) * np.arange(len(points))
+    if time_increment < 0.0:
+        t = t[::-1]
     c, s = np.cos(twist[2] * t), np.sin(twist[2] * t)
     return np.column_stack([c * points[:, 0] - s * points[:, 1] + twist[0] * t,
                             s * points[:, 0] + c * points[:, 1] + twist[1] * t])

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from somfusion_ros.geometry import Array
+from somfusion_ros.slam.beam_orders import BeamOrders, Early
 from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
@@ -85,6 +86,7 @@ class Session:
             self._pairing = Pairing(self._timeout, self._count, self._begin_anew, self._capacity,
                                     self._guess)
             self._last_pose: Array | None = None
+            self._orders = BeamOrders(self._count)
             self._new_map()
 
     def configure(self, config: SlamConfig) -> None:
@@ -138,6 +140,10 @@ class Session:
 
     def _process(self, slam: Slam, scan: Scan, paired: Paired) -> tuple[Any, Step]:
         """Process a scan; count what was wrong with it."""
+        early = Early(scan, paired.odometry, self.bodies)
+        scan = self._orders.mend(early, slam.config)
+        if again := self._orders.again():
+            slam = self._draw_anew(again)
         step = slam.process(scan, paired.odometry, self.bodies)
         if step.reason and not scan.fault():   # a fault was counted when the scan came
             self._count(step.reason, REASONS.get(step.reason, 'a scan was not used as it should'))
@@ -150,6 +156,7 @@ class Session:
         self.slam = Slam(self._config, background=self._background, checkpoint=checkpoint,
                          epoch=self.slam.epoch, start=how)
         self._last_stamp, odometry = self.slam.last_stamp, checkpoint.tracker.odometry
+        self._orders.forget()   # a map that there was is not begun anew
         self._last_pose = None if odometry is None else odometry.pose
         self._resumed = True
 
@@ -163,7 +170,18 @@ class Session:
     def _begin_anew(self) -> None:
         """Begin a new map, as the odometry began anew at an earlier time."""
         self._count('maps_begun_anew', 'time and odometry both jumped')
+        self._orders.forget()
         self._new_map()
+
+    def _draw_anew(self, early: list[Early]) -> Slam:
+        """Begin the map anew with its first scans, whose beams are now known to be in order."""
+        with self._lock:
+            shift, last = self._shift, self._last_stamp
+            self._new_map()
+            self._shift, self._last_stamp = shift, last
+        for scan, odometry, bodies in early:
+            self.slam.process(scan, odometry, bodies)
+        return self.slam
 
     def _new_map(self) -> None:
         """Make a SLAM without a map."""

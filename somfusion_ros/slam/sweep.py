@@ -54,7 +54,7 @@ class Sweep:
         mended, how = _mended(abs(told), beams, period, turn) if usable else (0.0, NOT_USED)
         self._count('scan_time_increment_impossible', f'time_increment = {told:g} s for {beams} '
                     f'beams, but a scan comes every {period:.3f} s: {how}')
-        return replace(scan, time_increment=mended)
+        return replace(scan, time_increment=float(np.copysign(mended, told)))
 
 
 def _mended(told: float, beams: int, period: float, turn: float) -> tuple[float, str]:
