@@ -61,7 +61,6 @@ class Lab:
 
     def __init__(self, folder: Path, environment: dict[str, str] | None = None) -> None:
         self._folder = folder
-        self.equal = EQUAL
         self._environment = environment or ros_environment(free_domain())
         self._clients: dict[str, subprocess.Popen[str]] = {}
         self.nodes: dict[str, subprocess.Popen[bytes]] = {}
@@ -192,7 +191,7 @@ class Lab:
     def equal_within(self, robots: Iterable[str]) -> bool:
         """Tell whether some robots show the same global map now."""
         maps = [self.global_map(robot) for robot in robots]
-        return all(equal_share(maps[0], other) >= self.equal for other in maps)
+        return all(equal_share(maps[0], other) >= EQUAL for other in maps)
 
     def until_equal(self, robots: Iterable[str], team: Iterable[str] | None = None,
                     timeout: float = SETTLED, others: Collection[str] = ()) -> float:
@@ -208,8 +207,9 @@ class Lab:
             if any(one is None for one in maps):
                 return False
             worst['equal'] = [equal_share(maps[0], other) for other in maps]
-            worst['shown'] = min(self._shown(maps[0], robot, min(team)) for robot in team)
-            return min(worst['equal']) >= self.equal and worst['shown'] >= SHOWN
+            worst['shown'] = {robot: round(self._shown(maps[0], robot, min(team)), 4)
+                              for robot in sorted(team)}
+            return min(worst['equal']) >= EQUAL and min(worst['shown'].values()) >= SHOWN
         return self.until(equal, lambda: f'the global maps of {robots} equal, of all of '
                           f'{sorted(team)}: {worst}', timeout)
 

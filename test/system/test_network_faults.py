@@ -26,9 +26,6 @@ pytestmark = pytest.mark.system
 TEAM = ['robot1', 'robot2', 'robot3', 'robot4']
 # Longer than the 20 s after which Fast DDS takes a silent robot for gone; 60 s where asked for.
 OUTAGE = float(os.environ.get('SOMFUSION_OUTAGE', '24'))
-# Of the known cells. On a loaded machine one robot of four was seen to keep a map that agrees in
-# 0.90 to 0.93 with the others, for minutes: why is not known; the bound is to go back to EQUAL.
-HEALED = 0.85
 PROFILE = ROOT / 'config' / 'fastdds_wifi.xml'
 
 
@@ -47,7 +44,6 @@ def team(network: Network, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         for number, (robot, host) in enumerate(zip(TEAM, network.hosts), start=1):
             made.add(robot, map_of(number, len(TEAM), 0.6), host)
         made.until_equal(TEAM, timeout=2 * START)
-        made.equal = HEALED
         yield made
         made.assert_clean()
 
