@@ -6,6 +6,7 @@ Parameters of the nodes beside those of the core.
 No ROS is needed here: the commands read the same parameter files as the nodes.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 import re
 
@@ -60,6 +61,11 @@ class SlamNodeConfig:
         0.5, 'm', 0.0, 10.0,
         "Returns within this distance of another robot's centre are not used, where fusion_node "
         'tells its place; its radius and how far it moves in a moment. 0 uses all returns.')
+    scan_topics: tuple[str, ...] = parameter(
+        ('scan',), '', None, None,
+        'Topics of the laser scans, as a list or as one text with blanks or commas between them; '
+        'several for several lasers on one robot, each with a mount on /tf_static. LaserScan, '
+        'MultiEchoLaserScan and PointCloud2 are read.', words=True)
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'm, m, rad', None, None,
         'Mount of the laser on the robot (x, y, yaw); where it is used, see mount_source.')
@@ -110,6 +116,10 @@ class SlamNodeConfig:
             raise ValueError('mode localization needs a map: set map_file or map_topic')
         if len(self.laser_pose) != 3:
             raise ValueError(f'laser_pose = {list(self.laser_pose)} must be x, y and yaw')
+        object.__setattr__(self, 'scan_topics', split_words(self.scan_topics) or ('scan',))
+        if len(self.scan_topics) > 1 and self.given_mount is not None:
+            raise ValueError('laser_pose is the mount of one laser, but scan_topics names '
+                             f'{len(self.scan_topics)}: their mounts must be on /tf_static')
 
     @property
     def given_mount(self) -> tuple[float, ...] | None:
@@ -182,5 +192,10 @@ class FusionNodeConfig:
 
     def __post_init__(self) -> None:
         validate(self)
-        words = [word for text in self.peers for word in re.split(r'[\s,]+', text) if word]
-        object.__setattr__(self, 'peers', tuple(words) or ('',))
+        object.__setattr__(self, 'peers', split_words(self.peers) or ('',))
+
+
+def split_words(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return the words, once each, of texts with blanks or commas between them."""
+    return tuple(dict.fromkeys(
+        word for text in texts for word in re.split(r'[\s,]+', text) if word))

@@ -18,10 +18,15 @@ LARGEST_TREE = 10000   # transforms; a robot has tens
 
 @dataclass(frozen=True)
 class Mount:
-    """T_base_laser of the scan plane, and whether the laser looks at it from below."""
+    """
+    T_base_laser of the scan plane, and whether the laser looks at it from below.
+
+    height [m] of the laser above the base; 0 where it is not known.
+    """
 
     T_base_laser: Pose
     upside_down: bool = False
+    height: float = 0.0
 
 
 class FrameTree:
@@ -144,4 +149,5 @@ def _planar(T: Array, laser_frame: str) -> Mount:
         raise ValueError(f'laser {laser_frame!r} is tilted by {np.degrees(tilt):.0f} deg; '
                          'only level lasers can be used')
     theta = float(np.arctan2(T[1, 0], T[0, 0]))
-    return Mount(Pose.from_array((T[0, 3], T[1, 3], theta)), bool(T[2, 2] < 0.0))
+    return Mount(Pose.from_array((T[0, 3], T[1, 3], theta)), bool(T[2, 2] < 0.0),
+                 float(T[2, 3]))

@@ -1,7 +1,9 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Fields of sensor_msgs/LaserScan and MultiEchoLaserScan to the core's scan; no ROS is needed.
+Fields of sensor_msgs/LaserScan, MultiEchoLaserScan and PointCloud2 to the core's scan.
+
+No ROS is needed.
 
 The ranges are handed on as they are: what 0, `inf` or a value above `range_max` means is decided
 in one place for logs and live scans alike, `somfusion_ros.slam.laser`.
@@ -10,6 +12,7 @@ in one place for logs and live scans alike, `somfusion_ros.slam.laser`.
 from typing import Any
 
 import numpy as np
+from somfusion_ros.io.cloud_messages import scan_from_cloud
 from somfusion_ros.io.frame_tree import Mount
 from somfusion_ros.slam.scan import Scan
 
@@ -19,7 +22,13 @@ COUNTED = 0.15  # share by which beams may be fewer or more than the increment w
 
 
 def scan_from(message: Any, mount: Mount, stamp: float, laser: str = '') -> Scan:
-    """Convert a scan; a laser that hangs upside down turns the other way round."""
+    """
+    Convert a scan; a laser that hangs upside down turns the other way round.
+
+    ValueError where a cloud has no points that can be read.
+    """
+    if hasattr(message, 'point_step'):
+        return scan_from_cloud(message, mount, stamp, laser)
     with np.errstate(invalid='ignore'):   # a damaged file may hold signalling NaN
         ranges = np.array([one_range(told) for told in message.ranges] if hasattr(
             next(iter(message.ranges), 0.0), 'echoes') else message.ranges, dtype=float)

@@ -12,6 +12,7 @@ import pytest
 from somfusion_ros.fusion.alignment import align
 from somfusion_ros.geometry import inverse, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.io.frame_tree import Mount
 from somfusion_ros.team.global_map import merge_grids
 
 need_ros()
@@ -131,7 +132,7 @@ def test_a_scan_comes_over_as_it_is() -> None:
                         ranges=array('f', scan.ranges))
     message.header.stamp = convert.time_message(scan.stamp)
     mount = Pose(0.1, 0.0, 0.2)
-    again = convert.scan_from_message(over_the_wire(message), mount)
+    again = convert.scan_from_message(over_the_wire(message), Mount(mount))
     assert again.stamp == 12.5
     assert np.array_equal(again.ranges, scan.ranges.astype(np.float32))
     assert again.angle_increment == pytest.approx(scan.angle_increment)
@@ -140,13 +141,14 @@ def test_a_scan_comes_over_as_it_is() -> None:
 
 def test_a_laser_upside_down_turns_the_other_way() -> None:
     message = LaserScan(angle_min=-1.0, angle_increment=0.5, ranges=[1.0] * 3)
-    scan = convert.scan_from_message(message, Pose(), upside_down=True)
+    scan = convert.scan_from_message(message, Mount(Pose(), upside_down=True))
     assert (scan.angle_min, scan.angle_increment) == (1.0, -0.5)
 
 
 @pytest.mark.parametrize('ranges', [[], [float('nan')] * 4, [float('inf')] * 4])
 def test_scans_without_a_return_are_left_to_slam(ranges: list[float]) -> None:
-    assert len(convert.scan_from_message(LaserScan(ranges=ranges), Pose()).ranges) == len(ranges)
+    scan = convert.scan_from_message(LaserScan(ranges=ranges), Mount(Pose()))
+    assert len(scan.ranges) == len(ranges)
 
 
 def test_odometry_is_planar_and_finite() -> None:

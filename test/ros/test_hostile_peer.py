@@ -21,6 +21,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry  # noqa: E402
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField  # noqa: E402
 from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
 from somfusion_ros.geometry import Pose  # noqa: E402
+from somfusion_ros.io.frame_tree import Mount  # noqa: E402
 from somfusion_ros.ros.common import conversions as convert  # noqa: E402
 from somfusion_ros.ros.fusion.receiver import Receiver  # noqa: E402
 from somfusion_ros.ros.fusion.team_messages import (bytes_from_message,  # noqa: E402
@@ -186,7 +187,7 @@ def test_any_scan_is_taken_as_it_is() -> None:
     rng = np.random.default_rng(0)
     for _ in range(500):
         message = a_scan(rng)
-        assert len(convert.scan_from_message(message, Pose()).ranges) == len(message.ranges)
+        assert len(convert.scan_from_message(message, Mount(Pose())).ranges) == len(message.ranges)
 
 
 def a_receiver(counts: list[str]) -> tuple[Receiver, FusionSession]:

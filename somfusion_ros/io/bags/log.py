@@ -89,8 +89,11 @@ class Log:
         with BagReader(self.path) as reader:
             for topic, log_time, message in reader.messages(topics):
                 if topic in self.lasers:
-                    yield scan_from(message, self.lasers[topic],
-                                    stamp(message.header, log_time), topic)
+                    try:
+                        yield scan_from(message, self.lasers[topic],
+                                        stamp(message.header, log_time), topic)
+                    except ValueError as error:
+                        self._count('scans_unusable', str(error))
                 else:
                     record = convert(message, log_time)
                     if record is not None and self._usable(record):
@@ -101,8 +104,14 @@ class Log:
         """Tell whether odometry is finite, and count it otherwise."""
         usable = isinstance(record, TurnRate) or bool(np.isfinite(record.pose).all())
         if not usable:
-            self.counters['odometry_not_finite'] = self.counters.get('odometry_not_finite', 0) + 1
+            self._count('odometry_not_finite')
         return usable
+
+    def _count(self, kind: str, reason: str = '') -> None:
+        """Count what was left out, and note why at the first time."""
+        self.counters[kind] = self.counters.get(kind, 0) + 1
+        if reason and self.counters[kind] == 1:
+            self.notes.append(f'{kind}: {reason}')
 
 
 def open_log(path: str | Path, options: BagOptions | None = None) -> Log:

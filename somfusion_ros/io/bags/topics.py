@@ -49,7 +49,7 @@ def find_robots(reader: BagReader) -> list[str]:
     moving = [topic for topic in reader.topics(ODOMETRY, JOINTS, *TF_TYPES)
               if 'static' not in topic]
     robots = set()
-    for topic in reader.topics(*SCANS):
+    for topic in reader.topics(*SCANS) or reader.topics(CLOUD):
         parts = topic.strip('/').split('/')[:-1]
         names = ['/'.join(parts[:n]) for n in range(len(parts), 0, -1)]
         robots |= set(next(([name] for name in names
@@ -61,8 +61,17 @@ def find_robots(reader: BagReader) -> list[str]:
 
 
 def choose_scan_topics(reader: BagReader, options: BagOptions) -> list[str]:
-    """Find the topics of the laser scans: one, or those of several lasers on one robot."""
+    """
+    Find the topics of the laser scans: one, or those of several lasers on one robot.
+
+    Clouds are taken where they are asked for, or where there is nothing else.
+    """
     wanted, found = options.scan_topic, _found(reader, SCANS, options.namespace)
+    clouds = _found(reader, (CLOUD,), options.namespace)
+    if clouds and (not found or wanted is not None and _matches(
+            clouds, wanted, options.namespace) and not _matches(found, wanted, options.namespace)):
+        return [_choose(reader, (CLOUD,), 'clouds', wanted, 'points', '--scan-topic',
+                        options.namespace)]
     if wanted is None and len(found) > 1 and not _named(found, 'scan', options.namespace):
         frames = {topic: plain(reader.first(topic).header.frame_id) for topic in found}
         if len(set(frames.values())) == len(found):
@@ -135,13 +144,18 @@ def _named(found: list[str], usual: str, namespace: str) -> str | None:
     return next((candidates[0] for candidates in (exact, named) if len(candidates) == 1), None)
 
 
+def _matches(found: list[str], wanted: str, namespace: str) -> list[str]:
+    """Return the topics that a name means, with or without the namespace."""
+    names = (wanted.lstrip('/'), f'{namespace}/{wanted.lstrip("/")}')
+    return [topic for topic in found if topic.lstrip('/') in names]
+
+
 def _choose(reader: BagReader, types: tuple[str, ...], what: str, wanted: str | None,
             usual: str, option: str, namespace: str) -> str:
     """Choose the one topic of a type; the usual name wins, a choice is never guessed."""
     found = _found(reader, types, namespace)
     if wanted is not None:
-        matches = [t for t in found if t.lstrip('/') in (
-            wanted.lstrip('/'), f'{namespace}/{wanted.lstrip("/")}')]
+        matches = _matches(found, wanted, namespace)
         if not matches:
             raise reader.error(f'no {what} on topic {wanted} '
                                f'(found: {", ".join(found) or "none"})')
@@ -151,8 +165,5 @@ def _choose(reader: BagReader, types: tuple[str, ...], what: str, wanted: str | 
         return named or found[0]
     if not found:
         where = f' in namespace {namespace}' if namespace else ''
-        clouds = _found(reader, (CLOUD,), namespace) if types == SCANS else []
-        hint = (f'; it has {CLOUD} on {", ".join(clouds)}: convert it by pointcloud_to_laserscan'
-                if clouds else '')
-        raise reader.error(f'no {what}{where}{hint}')
+        raise reader.error(f'no {what}{where}')
     raise reader.error(f'several topics with {what}: {", ".join(found)}; name one by {option}')

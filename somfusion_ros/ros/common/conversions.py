@@ -20,7 +20,7 @@ from nav_msgs.msg import Odometry as OdometryMessage
 from nav_msgs.msg import Path
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState, LaserScan, PointCloud2, PointField
+from sensor_msgs.msg import JointState, LaserScan, MultiEchoLaserScan, PointCloud2, PointField
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.io import frame_tree
@@ -79,9 +79,10 @@ def pose_message(pose: Iterable[float]) -> PoseMessage:
     return PoseMessage(position=Point(x=x, y=y), orientation=quaternion(theta))
 
 
-def scan_from_message(message: LaserScan, T_base_laser: Pose, upside_down: bool = False) -> Scan:
-    """Convert a scan; a laser that hangs upside down turns the other way round."""
-    return scan_from(message, Mount(T_base_laser, upside_down), seconds(message.header.stamp))
+def scan_from_message(message: LaserScan | MultiEchoLaserScan | PointCloud2, mount: Mount,
+                      laser: str = '') -> Scan:
+    """Convert a scan, or slice a cloud; ValueError where a cloud cannot be read."""
+    return scan_from(message, mount, seconds(message.header.stamp), laser)
 
 
 def odometry_from_message(message: OdometryMessage) -> tuple[float, Array]:

@@ -15,7 +15,6 @@ from uuid import uuid4
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
-from sensor_msgs.msg import LaserScan
 from somfusion_ros.grid import MAX_CELLS
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import Mount
@@ -33,6 +32,7 @@ from somfusion_ros.ros.slam.odometry_input import OdometryInput
 from somfusion_ros.ros.slam.peer_bodies import PeerBodies
 from somfusion_ros.ros.slam.pipeline import Pipeline, TICK
 from somfusion_ros.ros.slam.publisher import SlamPublisher
+from somfusion_ros.ros.slam.scan_input import ScanInput
 from somfusion_ros.ros.slam.status import Last, silence, slam_status
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.config import SlamConfig
@@ -84,9 +84,8 @@ class SlamNode(ManagedNode):
         self._mounts = Mounts(part, config.given_mount, self._count)
         self._bodies = PeerBodies(part, config.peer_radius)
         self._odometry = OdometryInput(part, config, self._pipeline.add_odometry, self._count)
-        scans = part.create_subscription(LaserScan, names.SCAN, self._on_scan, qos.SENSOR_DATA,
-                                         qos_overriding_options=qos.overridable())
-        self._inputs = f'{scans.topic_name}, {self._odometry.topic}'
+        self._scans = ScanInput(part, config.scan_topics, self._on_scan, self._count)
+        self._inputs = f'{self._scans.topic}, {self._odometry.topic}'
         part.create_subscription(PoseWithCovarianceStamped, names.INITIAL_POSE,
                                  self._on_initial_pose, qos.LATEST)
         if self._last.awaited:
@@ -130,7 +129,7 @@ class SlamNode(ManagedNode):
                        beginning.checkpoint, start=uuid4().hex[:12], how=beginning.start,
                        odometry=self._config.odometry_source != 'none')
 
-    def _on_scan(self, message: LaserScan) -> None:
+    def _on_scan(self, message: Any, laser: str) -> None:
         """Hand on a scan, and where other robots are."""
         self._last.scan_heard = time.monotonic()
         convert.stamp_if_missing(message.header, self.get_clock().now().to_msg(), self._count)
@@ -139,7 +138,7 @@ class SlamNode(ManagedNode):
         if mount is None:
             self._count('scans_without_mount', self._last.lacking, PATIENCE)
         elif not (self._last.paused or self._last.awaited):
-            scan = convert.scan_from_message(message, mount.T_base_laser, mount.upside_down)
+            scan = convert.scan_from_message(message, mount, laser)
             self._pipeline.add_scan(scan, message.header.stamp, self._bodies.known())
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -190,6 +189,7 @@ class SlamNode(ManagedNode):
 
     def _report(self) -> None:
         """Publish the status of the node, and log why nothing comes out."""
+        self._scans.look()
         self._last.odometry_heard = self._odometry.heard
         kind, reason = silence(self._last, time.monotonic(),
                                self._pipeline.session.slam.counters['views'])
