@@ -98,15 +98,8 @@ class Checkpoint:
                    tuple(graph.to_close), view, tracker, graph.epoch)
 
     def graph(self) -> ViewGraph:
-        """Return a graph to go on with: every constraint passes the filter again, in order."""
-        ekf, scans = DelayedStateEkf(), MapScans()
-        ekf.augment(np.zeros(3), np.zeros((3, 3)))
-        for constraint in self.constraints:
-            if constraint.second == ekf.n:
-                ekf.augment(constraint.z, constraint.R, constraint.first)
-            else:
-                ekf.update(constraint)
-        ekf.relinearise(self.poses)
+        """Return a graph to go on with: every constraint is fused again, in order."""
+        ekf, scans = DelayedStateEkf.of(self.poses, self.constraints), MapScans()
         scans.extend(self.scans, place(self.scans, self.poses))
         return ViewGraph(ekf, list(self.clouds), [centre(cloud) for cloud in self.clouds],
                          self.stamps.tolist(), list(self.constraints), scans, Trail(self.trail),

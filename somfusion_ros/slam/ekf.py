@@ -11,6 +11,8 @@ Of the old views only every few stay in P, as anchors: the others are marginalis
 covariance form is to forget their rows, and hang between their anchors from then on.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.blas import dsyrk
@@ -188,6 +190,16 @@ class DelayedStateEkf:
 
         The state becomes x + K y, P - K S K', with K = P H' inv(S), by one rank-3 dsyrk.
         """
+        step = self._fuse(constraint)
+        kept = np.flatnonzero(self.kept)
+        move = step.reshape(-1, 3)[self._slot[kept]]
+        self._x[kept] += move
+        self._x[:, 2] = wrap(self._x[:, 2])
+        self._follow()
+        return float(np.hypot(move[:, 0], move[:, 1]).max())
+
+    def _fuse(self, constraint: Constraint) -> Array:
+        """Fuse a loop closure into the covariance; return K y (3 * room,), by place in P."""
         constraint = self._anchored(constraint)
         i, j = constraint.first, constraint.second
         y, S = self.innovation(constraint)
@@ -195,13 +207,26 @@ class DelayedStateEkf:
         PH = self._column(i) @ A.T + self._column(j) @ B.T
         L = np.linalg.cholesky(S)
         W = np.linalg.solve(L, PH.T)
-        kept = np.flatnonzero(self.kept)
-        move = (W.T @ np.linalg.solve(L, y)).reshape(-1, 3)[self._slot[kept]]
-        self._x[kept] += move
-        self._x[:, 2] = wrap(self._x[:, 2])
-        self._follow()
         self._P = dsyrk(-1.0, W, beta=1.0, c=self._P, trans=1, lower=1, overwrite_c=1)
-        return float(np.hypot(move[:, 0], move[:, 1]).max())
+        step: Array = W.T @ np.linalg.solve(L, y)
+        return step
+
+    @classmethod
+    def of(cls, poses: Array, constraints: Iterable[Constraint]) -> 'DelayedStateEkf':
+        """
+        Return the filter of views at poses (n, 3), from their constraints by age.
+
+        The covariance is linearised at these poses.
+        """
+        ekf = cls()
+        ekf.augment(np.zeros(3), np.zeros((3, 3)))
+        for constraint in constraints:
+            if constraint.second == ekf.n:
+                new = ekf.augment(constraint.z, constraint.R, constraint.first)
+                ekf._x[new] = poses[new]
+            else:
+                ekf._fuse(constraint)
+        return ekf
 
     def _column(self, i: int) -> Array:
         """Return the columns (3 * room, 3) of P that belong to view i, from the lower triangle."""

@@ -32,6 +32,14 @@ class PlaceTuning:
         'shared logs')
     enough: int = tuned(
         2, 'views', 'at one place, so that no more are added', 'shared logs')
+    full: int = tuned(
+        4, 'views', 'at one place, from which on a new one must show much that they do not',
+        'benchmarks/life.py')
+    loss_full: float = tuned(
+        0.15, 'share of points', 'that an old surface may explain less than the newest, where '
+        'the place is full', 'benchmarks/life.py')
+    tried: int = tuned(
+        3, 'views', 'nearest, of a full place, that may explain the scan', 'benchmarks/life.py')
     sure: tuple[float, float] = tuned(
         (0.15, 0.05), 'm, rad', 'sigma of the old view seen from the robot; beyond it the loop '
         'is not closed yet', 'shared logs')
@@ -58,10 +66,22 @@ class Expected:
     P: Array
 
 
-def nearest(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConfig
-            ) -> int | None:
+@dataclass(frozen=True)
+class KnownPlace:
     """
-    Return the nearest view of a known place; None where the place is not known.
+    A known place: the views that may explain a scan there, the likeliest first.
+
+    loss: share of its points that they may explain less than the newest views do.
+    """
+
+    views: tuple[int, ...]
+    loss: float
+
+
+def known(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConfig
+          ) -> KnownPlace | None:
+    """
+    Return the place of a pose (3,); None where it is not known.
 
     Parameters
     ----------
@@ -71,9 +91,13 @@ def nearest(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamCo
     """
     apart = distance(pose, poses, config)
     apart[~usable] = np.inf
-    if np.count_nonzero(apart < TUNING.near) < TUNING.enough:
+    count = np.count_nonzero(apart < TUNING.near)
+    if count < TUNING.enough:
         return None
-    return int(np.argmin(apart))
+    if count < TUNING.full:
+        return KnownPlace((int(np.argmin(apart)),), TUNING.loss)
+    views = np.argsort(apart)[:TUNING.tried]
+    return KnownPlace(tuple(int(view) for view in views), TUNING.loss_full)
 
 
 def nearest_seen(pose: Array, poses: Array, clouds: Sequence[Cloud], config: SlamConfig) -> int:
@@ -97,19 +121,19 @@ def members(view: int, own: range, count: int) -> range:
     return range(start, min(own.stop, start + count))
 
 
-def explain(expected: Expected, seen: Cloud, around: Callable[[int], LocalMap], ratio: float,
+def explain(expected: Expected, seen: Cloud, around: Callable[[int], LocalMap], least: float,
             config: SlamConfig) -> tuple[LocalMap, Match] | None:
     """
-    Match a scan against an old place; None where the place does not explain it.
+    Match a scan against an old view's surface; None where that does not explain it.
 
-    ratio is the share of the scan that the newest views explain.
+    least is the share of the scan that it must explain.
     """
     sigma = np.sqrt(np.diag(expected.P))
     if sigma[:2].max() > TUNING.sure[0] or sigma[2] > TUNING.sure[1]:
         return None
     local_map = around(expected.view)
     match = register(seen, local_map, expected.T_view_base)
-    if match.inlier_ratio < max(config.doubtful_inlier_ratio, ratio - TUNING.loss):
+    if match.inlier_ratio < max(config.doubtful_inlier_ratio, least):
         return None
     y = difference(match.T_map_scan, expected.T_view_base)
     if squared_mahalanobis(y, expected.P + match.covariance) > TUNING.gate:

@@ -149,18 +149,17 @@ class SingleMap:
             return False
         usable = np.ones(ekf.n, bool)
         usable[[self._at, *self._fresh]] = False
-        view = places.nearest(self.pose()[0], ekf.poses, usable, self.config)
-        if view is None:
-            return False
-        expected = places.Expected(view, *self._seen_from(view))
-        found = places.explain(expected, seen, lambda k: self._local_map(k, self._members(k)),
-                               track.inlier_ratio, self.config)
-        if found is None:
-            return False
-        local_map, match = found
-        self._go_on(view, local_map, match.T_map_scan, match.covariance)
-        self.counters['places_known'] += 1
-        return True
+        place = places.known(self.pose()[0], ekf.poses, usable, self.config)
+        for view in place.views if place else ():
+            found = places.explain(
+                places.Expected(view, *self._seen_from(view)), seen,
+                lambda k: self._local_map(k, self._members(k)),
+                track.inlier_ratio - place.loss, self.config)
+            if found is not None:
+                self._go_on(view, found[0], found[1].T_map_scan, found[1].covariance)
+                self.counters['places_known'] += 1
+                return True
+        return False
 
     def _go_on(self, view: int, local_map: LocalMap, T_view_base: Array, P: Array) -> None:
         """Go on from an old view, at a pose (3,) and covariance (3, 3) in it."""

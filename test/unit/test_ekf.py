@@ -141,3 +141,23 @@ def test_marginalised_views_hang_between_their_anchors():
     late = Constraint(41, 130, between(anchored.poses[41], anchored.poses[130]), Q)
     assert not anchored.kept[[41, 130]].any(), 'a loop found late, between marginalised views'
     assert anchored.update(late) < 0.05 and (np.diag(anchored.relative(41, 130)[1]) > 0).all()
+
+
+def test_a_filter_made_again_of_its_constraints_knows_as_much():
+    rng, lived, constraints = np.random.default_rng(7), DelayedStateEkf(), []
+    lived.augment(np.zeros(3), Q)
+    for k in range(1, 160):
+        made = [Constraint(k - 1, k, STEP + rng.multivariate_normal(np.zeros(3), Q), Q)]
+        lived.augment(made[0].z, Q)
+        if k % 7 == 0 and k >= 80:      # the second round sees the first
+            z = between(lived.poses[k - 80], lived.poses[k]) + rng.normal(0.0, 0.005, 3)
+            made.append(Constraint(k - 80, k, z, Q))
+            lived.update(made[1])
+        constraints += made
+    again = DelayedStateEkf.of(lived.poses.copy(), constraints)
+    np.testing.assert_allclose(again.poses, lived.poses, atol=1e-12)
+    assert np.array_equal(again.kept, lived.kept)
+    for i, j in ((0, 159), (3, 90), (60, 140)):
+        (seen, P), (seen_again, P_again) = lived.relative(i, j), again.relative(i, j)
+        np.testing.assert_allclose(seen_again, seen, atol=1e-12)
+        np.testing.assert_allclose(np.sqrt(np.diag(P_again)), np.sqrt(np.diag(P)), rtol=0.1)
