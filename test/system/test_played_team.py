@@ -50,7 +50,7 @@ def test_a_played_team_lives_in_the_time_of_the_recording(graph: Graph, tmp_path
             graph.start(f'{kind} {robot}', kind, f'/{robot}', *OWN_TREE, '-p',
                         'use_sim_time:=true')
     graph.processes.start('player', 'somfusion_ros.ros.apps.player', [
-        *(str(tmp_path / robot) for robot in starts), '--clock', '--rate', '3', '--wait', '60'])
+        *(str(tmp_path / robot) for robot in starts), '--clock', '--wait', '60'])
 
     def placed(robot: str) -> bool:
         try:   # at the present, as who navigates asks
