@@ -22,6 +22,7 @@ from somfusion_ros.slam.motion_guess import TurnRate
 from somfusion_ros.slam.pairing import Pairing
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.session import Session
+from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
 from somfusion_ros.slam.trajectory import with_odometry
@@ -104,10 +105,17 @@ def run_robot(log: Log, config: SlamConfig | None = None,
                     np.asarray(view_stamps), np.asarray(views),
                     Held.of(checkpoint.trail), tell(checkpoint),
                     {**faults.counts, **slam.counters, **log.counters},
-                    faults.notes(len(milliseconds)), np.asarray(milliseconds),
+                    [*faults.notes(len(milliseconds)), *too_far(slam)], np.asarray(milliseconds),
                     log.duration, seconds, history,
                     checkpoint if beginning and len(views) else None,
                     slam.found[0] if slam.found else None)
+
+
+def too_far(slam: Slam) -> list[str]:
+    """Return the sentence on scans that the map has no room for, if there are any."""
+    count = slam.counters['map_scans_too_far']
+    return [f'map_scans_too_far: {count} scans are not drawn, as the map would be too large with '
+            'them: the odometry may have jumped, or the resolution is too fine'] if count else []
 
 
 def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, Array]:

@@ -8,14 +8,16 @@ to [-1, 1] (section II-B). A beam that passes within a cell of a surface which t
 says nothing there: along a corridor it would wipe out the wall that it grazes.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
-from somfusion_ros.grid import Grid, MAX_CELLS
+from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.map_scans import MapScan
@@ -37,6 +39,7 @@ class MappingTuning:
 
 TUNING = MappingTuning()
 SUB = 4       # binary digits of a cell in the polygon fill
+MOST_CELLS = 8192 * 8192   # of a robot's own map; fusion_node takes no larger one
 MARGIN = 64   # cells added when the map grows
 
 
@@ -44,17 +47,20 @@ class Mapper:
     """
     Renders scans; only new ones while old poses stand still, all anew once they moved.
 
-    A scan that is not kept any more stays drawn until then, under what is drawn over it.
+    A scan that is not kept any more stays drawn until then, under what is drawn over it. One with
+    which the map would be too large is left out, and counted in counters as `map_scans_too_far`.
     """
 
-    def __init__(self, resolution: float) -> None:
+    def __init__(self, resolution: float, counters: Counter[str] | None = None) -> None:
         self.resolution = resolution
+        self._counters: Counter[str] = Counter() if counters is None else counters
         self._clear()
 
     def _clear(self) -> None:
         self._cells = np.zeros((0, 0), np.float32)
         self._corner = np.zeros(2, np.intp)      # column, row of cell (0, 0) on the map's lattice
         self._rendered: dict[Outline, Array] = {}   # pose (3,) at which each was drawn
+        self._too_far = 0                        # of these, scans that did not fit
 
     def render(self, scans: Sequence[MapScan], views: Array) -> Grid:
         """Draw scans, by age, at their views' poses (n, 3); return the map in the map frame."""
@@ -64,7 +70,11 @@ class Mapper:
         new = [outline for outline in poses if outline not in self._rendered]
         rims = [apply(poses[outline], outline.rim) for outline in new]
         if new:
-            self._grow(np.array([_bounds(rim) for rim in rims]))
+            fits = self._grow(np.array([_bounds(rim) for rim in rims]))
+            new, rims = list(compress(new, fits)), list(compress(rims, fits))
+            self._too_far += len(fits) - len(new)
+            if self._too_far:
+                self._counters['map_scans_too_far'] = self._too_far
         for seen, rim in zip(new, rims, strict=True):
             self._draw(rim, *(apply(poses[seen], part) for part in (seen.hits, seen.walls)))
         self._rendered = {seen: self._rendered.get(seen, pose) for seen, pose in poses.items()}
@@ -86,24 +96,30 @@ class Mapper:
         return bool((np.abs(d[:, :2]) > 0.5 * self.resolution).any()
                     or (np.abs(wrap(d[:, 2])) > 0.01).any())
 
-    def _grow(self, bounds: Array) -> None:
-        """Make room for rectangles (n, 4) x0, y0, x1, y1 [m]; the lattice stays where it is."""
-        low = np.floor(bounds[:, :2].min(0) / self.resolution).astype(np.intp) - 2
-        high = np.ceil(bounds[:, 2:].max(0) / self.resolution).astype(np.intp) + 3
+    def _grow(self, bounds: Array) -> NDArray[np.bool_]:
+        """
+        Make room for rectangles (n, 4) x0, y0, x1, y1 [m]; the lattice stays where it is.
+
+        Returns which of them fit: in the order given, as long as the map is not too large.
+        """
+        low = np.floor(bounds[:, :2] / self.resolution) - 2
+        high = np.ceil(bounds[:, 2:] / self.resolution) + 3
         if self._cells.size:
             old_high = self._corner + self._cells.shape[::-1]
             if (low >= self._corner).all() and (high <= old_high).all():
-                return
-            low = np.where(low < self._corner, low - MARGIN, self._corner)
-            high = np.where(high > old_high, high + MARGIN, old_high)
-        width, height = high - low
-        if width * height > MAX_CELLS:
-            raise ValueError(f'map would grow to {width} x {height} cells')
-        cells = np.zeros((height, width), np.float32)
+                return np.ones(len(bounds), bool)
+            low = np.vstack([self._corner, np.where(low < self._corner, low - MARGIN, low)])
+            high = np.vstack([old_high, np.where(high > old_high, high + MARGIN, high)])
+        fits = _together(low, high)
+        if not fits.any():
+            return fits
+        low, high = (corner.astype(np.intp) for corner in (low[fits].min(0), high[fits].max(0)))
+        cells = np.zeros((high - low)[::-1], np.float32)
         if self._cells.size:
             (column, row), (h, w) = self._corner - low, self._cells.shape
             cells[row:row + h, column:column + w] = self._cells
         self._cells, self._corner = cells, low
+        return fits[-len(bounds):]
 
     def _draw(self, rim: Array, hits: Array, walls: Array) -> None:
         """Add one scan's evidence; rim (M, 2), hits (N, 2), walls (2 L, 2) in the map [m]."""
@@ -135,6 +151,16 @@ def place(scans: Sequence[MapScan], views: Array) -> Array:
     if not scans:
         return np.zeros((0, 3))
     return compose(views[[s.view for s in scans]], np.array([s.T_view_base for s in scans]))
+
+
+def _together(low: Array, high: Array) -> NDArray[np.bool_]:
+    """Return which rectangles (n,) of cells fit into one map with those before them."""
+    fits, floor, ceiling = np.zeros(len(low), bool), low[0], high[0]
+    for k in range(len(low)):
+        lower, upper = np.minimum(floor, low[k]), np.maximum(ceiling, high[k])
+        if np.prod(upper - lower) <= MOST_CELLS:
+            fits[k], floor, ceiling = True, lower, upper
+    return fits
 
 
 def _bounds(points: Array) -> Array:

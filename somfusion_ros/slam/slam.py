@@ -80,7 +80,7 @@ class Slam:
                      if start.localization and checkpoint is not None else
                      SingleMap(self.config, self.counters, checkpoint))
         self._resumed = 0 if start.localization else len(self._map.graph.trail)   # scans of before
-        self._mapper = Mapper(self.config.resolution)
+        self._mapper = Mapper(self.config.resolution, self.counters)
         self._last = self._map.last
         self._lost: Lost | None = None
         if checkpoint is not None:
@@ -95,7 +95,7 @@ class Slam:
         self._map.configure(config)   # a piece of map keeps what it began with
         with self._map_lock:
             if config.resolution != self._mapper.resolution:
-                self._mapper = Mapper(config.resolution)
+                self._mapper = Mapper(config.resolution, self.counters)
 
     def process(self, scan: Scan, odometry: Odometry, bodies: Bodies = NOBODY) -> Step:
         """
@@ -214,7 +214,7 @@ class Slam:
             step = self._map.follow(stamp, seen, odometry)
             if not self._map.astray:
                 return step
-            self._mapper = Mapper(self.config.resolution)   # without what was taken back
+            self._mapper = Mapper(self.config.resolution, self.counters)   # anew
         lost = self._lost = self._lost or self._lose()
         lost.drive(odometry)
         step = lost.piece.follow(stamp, seen, odometry)

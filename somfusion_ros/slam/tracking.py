@@ -140,7 +140,7 @@ class Tracker:
         dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
         self._unseen += dt
         reason = ''
-        if (np.hypot(step[0], step[1]) > TUNING.jump_speed[0] * dt + 0.5
+        if (np.hypot(step[0], step[1]) > min(TUNING.jump_speed[0] * dt + 0.5, TUNING.jump)
                 or abs(step[2]) > TUNING.jump_speed[1] * dt + 0.5):
             step, Q, reason = np.zeros(3), np.diag([0.5, 0.5, 0.5]) ** 2, 'odometry_jumps'
         F, G = compose_jacobians(self.T_view_base, step)
@@ -162,7 +162,10 @@ class Tracker:
         hold = np.linalg.inv(TUNING.loose ** 2 * (self.P + 1e-6 * np.eye(3)))
         match = register(scan, around, seed, hold)
         doubtful = jumped or self.lost
-        if (not doubtful and match.inlier_ratio >= self.config.doubtful_inlier_ratio
+        guessed = (self.odometry is not None and not self.odometry.measured
+                   and self._dt > TUNING.guessed)
+        if not (doubtful or guessed) and (
+                match.inlier_ratio >= self.config.doubtful_inlier_ratio
                 and self._is_plausible(match)):
             return match, True
         coasted = compose(before, self._velocity * self._dt)

@@ -34,6 +34,12 @@ class TrackingTuning:
     jump_speed: tuple[float, float] = tuned(
         (4.0, 6.0), 'm/s, rad/s', 'no indoor robot drives faster: its odometry jumped',
         'by design')
+    jump: float = tuned(
+        50.0, 'm', 'that odometry may move between two scans, however long the pause: a longer '
+        'way was not driven unseen', 'by design')
+    guessed: float = tuned(
+        0.3, 's', 'between two scans without odometry, from which on the pose is always sought as '
+        'if the match were doubtful', 'mit-csail')
     lost_sigma: tuple[float, float, float] = tuned(
         (0.5, 0.3, 0.5), 'm, m, rad', 'added once the robot is lost', 'mit-csail')
     catch_up: float = tuned(

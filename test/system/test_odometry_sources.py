@@ -101,8 +101,9 @@ class TwoLasers(Robot):
         message.header.stamp, message.header.frame_id = convert.time_message(when), 'front_laser'
         self._scan.publish(message)
         seen = fake_scan(WALLS, self.truth[i], beams=181, field_of_view=np.pi, T_base_laser=BACK)
-        rows = np.zeros((181, 7), np.float32)
-        rows[:, :2] = cloud(replace(seen, T_base_laser=Pose()), 30.0).outline.ends
+        outline = cloud(replace(seen, T_base_laser=Pose()), 30.0).outline
+        rows = np.zeros((np.count_nonzero(outline.hit), 7), np.float32)
+        rows[:, :2] = outline.ends[outline.hit]
         self._back.publish(convert.cluster_cloud(rows, 'back_laser', convert.time_message(
             when + 0.02)))
 

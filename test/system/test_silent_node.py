@@ -3,6 +3,7 @@
 """Where nothing comes out, both nodes say why: one line in the log, and a status."""
 
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 
 from helpers import fake_grid, fake_room, need_ros
@@ -12,7 +13,7 @@ need_ros()
 
 from builtin_interfaces.msg import Time  # noqa: E402, I100
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
-from live_robot import Robot, ROUND  # noqa: E402
+from live_robot import BEAMS, Robot, ROUND  # noqa: E402
 from nav_msgs.msg import OccupancyGrid  # noqa: E402
 from ros_graph import Graph, ros_graph  # noqa: E402
 from somfusion_ros.ros.common import conversions as convert  # noqa: E402
@@ -40,6 +41,19 @@ def said(graph: Graph, node: str, words: str, meanwhile: Callable[[], None] = la
     graph.until(warned, words)
     name = 'slam robot1' if node == 'slam_node' else 'fusion'
     return graph.processes.log_path(name).read_text()
+
+
+def test_slam_node_names_scans_without_a_usable_beam(graph: Graph) -> None:
+    robot, numbers = Robot(graph, 'robot1', ROUND), count()
+    robot.launch('-p', 'laser_pose:=[0.12,0.0,0.1]')
+
+    def blind() -> None:
+        stamp = robot.stamps[0] + 0.05 * next(numbers)
+        robot.publish_odometry(0, stamp)
+        robot.publish(0, [float('inf')] * BEAMS, stamp)
+    words = said(graph, 'slam_node', 'no scan could be used yet', blind)
+    assert f'scans_without_returns: none of {BEAMS} beams can be used: {BEAMS} inf' in words
+    graph.assert_clean(graph.processes.stop())
 
 
 def test_slam_node_says_what_it_waits_for(graph: Graph) -> None:

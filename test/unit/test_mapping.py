@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps: walls and free space where they are, and new poses redraw them."""
 
+from collections import Counter
+
 from helpers import fake_room, fake_scan
 import numpy as np
 from somfusion_ros.slam.map_scans import MapScan
@@ -76,3 +78,15 @@ def test_moved_views_move_their_walls():
 def test_an_empty_map_is_one_unknown_cell():
     grid = Mapper(0.05).render([], np.zeros((0, 3)))
     assert grid.shape == (1, 1) and not grid.known.any()
+
+
+def test_a_scan_far_away_is_left_out_and_counted() -> None:
+    """An odometry that jumped by kilometres ends neither the map nor the memory."""
+    counters: Counter[str] = Counter()
+    mapper = Mapper(0.05, counters)
+    whole = mapper.render(scans(), PLACES)
+    far = [*scans(), MapScan(len(PLACES), np.zeros(3), scans()[0].outline)]
+    for away in ((3e5, 4e5, 0.0), (1e12, 0.0, 0.0)):
+        grid = Mapper(0.05, counters).render(far, np.vstack([PLACES, away]))
+        np.testing.assert_array_equal(grid.evidence, whole.evidence)
+        assert counters['map_scans_too_far'] == 1

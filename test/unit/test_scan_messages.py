@@ -136,8 +136,9 @@ def test_a_bag_with_clouds_only_is_mapped(tmp_path: Path) -> None:
             bag.odometry(stamp, told)
             scan = fake_scan(fake_room(), pose, stamp, beams=541, field_of_view=1.5 * PI,
                              T_base_laser=Pose(0.1, 0.0, 0.0))
-            rows = np.zeros((len(scan.ranges), 7), np.float32)
-            rows[:, :2] = cloud(replace(scan, T_base_laser=Pose()), 30.0).outline.ends
+            seen = cloud(replace(scan, T_base_laser=Pose()), 30.0).outline
+            rows = np.zeros((np.count_nonzero(seen.hit), 7), np.float32)
+            rows[:, :2] = seen.ends[seen.hit]
             bag.clusters('/points', stamp, 'laser', rows)
     log = open_log(tmp_path / 'bag')
     assert (log.scan_topic, log.T_base_laser) == ('/points', pytest.approx(Pose(0.1, 0.0, 0.0)))
@@ -163,7 +164,7 @@ def test_two_lasers_on_one_robot_are_both_used(tmp_path: Path) -> None:
             bag.scan(fake_scan(fake_room(), pose, 100.0 + stamp, beams=181, field_of_view=PI,
                                T_base_laser=mounts[name]), topic=f'/{name}/scan')
     log = open_log(tmp_path / 'bag')
-    assert {topic: mount.T_base_laser for topic, mount in log.lasers.items()} == {
+    assert {topic: mounts.first.T_base_laser for topic, mounts in log.lasers.items()} == {
         '/front/scan': pytest.approx(mounts['front']), '/back/scan': pytest.approx(mounts['back'])}
     run = run_robot(log)
     assert len(run.milliseconds) == len(stamps)

@@ -131,6 +131,22 @@ def test_an_odometry_that_jumps_is_counted_and_overruled():
 
 
 @pytest.mark.slow
+def test_a_jump_of_kilometres_across_a_pause_of_hours_keeps_the_map():
+    """Bound: 0.12 m, as if there had been neither; the map stays as small as the room."""
+    scans, buffer, truth = drive(noise=(0.01, 0.01))
+    jumped = OdometryBuffer()
+    for k, scan in enumerate(scans):
+        pose, late = buffer.at(scan.stamp).pose, k > 70
+        scans[k] = replace(scan, stamp=scan.stamp + 36000.0 * late)
+        jumped.add(scans[k].stamp, compose((8e4, -3e4, 1.0), pose) if late else pose)
+    slam, _ = run(scans, jumped)
+    distance, _ = errors(slam, scans, truth)
+    assert slam.counters['odometry_jumps'] == 1
+    assert distance.max() < 0.12
+    assert max(slam.grid().shape) < 400
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize('spoil, reason', [
     (lambda s: replace(s, ranges=np.full(513, np.nan)), 'too few'),
     (lambda s: replace(s, ranges=np.zeros(513)), 'too few'),

@@ -14,6 +14,7 @@ from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.io.bags.log import BagError, BagOptions, open_log, robots_in
 from somfusion_ros.io.bags.writer import BagWriter, quaternion
 from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.slam.scan import Scan
 
 pytestmark = pytest.mark.slow
 
@@ -169,9 +170,23 @@ def test_a_tf_static_that_is_corrected_later_is_taken_and_said(tmp_path: Path) -
     wrong, right = ('base_link', 'laser', 0.9), ('base_link', 'laser', 0.3)
     log = open_log(write_one(tmp_path / 'a', [wrong, right]))
     assert log.T_base_laser.x == pytest.approx(0.3)
-    assert 'corrected later' in log.notes[0]
+    assert "the mount of 'laser' on tf_static was corrected at " in log.notes[0]
     again = open_log(write_one(tmp_path / 'b', [right, right]))
     assert not again.notes, 'a transform that is repeated is not corrected'
+
+
+def test_a_mount_that_is_corrected_holds_from_then_on(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.mount(1.0, Pose(0.9, 0.0, 0.0))
+        for number in range(10):
+            if number == 6:
+                bag.mount(1.55, Pose(0.3, 0.0, 0.0))
+            bag.odometry(1.0 + 0.1 * number, (0.0, 0.0, 0.0))
+            bag.scan(Scan(1.0 + 0.1 * number, np.ones(5), -0.2, 0.1, 0.05, 4.0))
+    log = open_log(tmp_path / 'bag')
+    told = [record.T_base_laser.x for record in log if isinstance(record, Scan)]
+    assert told == pytest.approx([0.9] * 6 + [0.3] * 4)
+    assert len(log.notes) == 1
 
 
 def test_odometry_in_tf_after_thousands_of_other_transforms(tmp_path: Path) -> None:

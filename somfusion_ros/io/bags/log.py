@@ -19,7 +19,7 @@ from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.bags.reader import BagError, BagReader
 from somfusion_ros.io.bags.topics import (choose_odometry, choose_scan_topics, find_robots,
                                           OdometrySource, stamp)
-from somfusion_ros.io.bags.transforms import find_mount
+from somfusion_ros.io.bags.transforms import find_mounts, Mounts
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import Mount
 from somfusion_ros.io.scan_messages import scan_from
@@ -39,12 +39,12 @@ class Log:
     """
     One robot's log: iterate over it for Scan and Odometry records in the order of recording.
 
-    lasers: the mount of each laser by the topic of its scans; odometry: where it comes from;
+    lasers: the mounts of each laser by the topic of its scans; odometry: where it comes from;
     counters holds what was left out and why; notes are sentences for the user; duration [s].
     """
 
     path: Path
-    lasers: dict[str, Mount]
+    lasers: dict[str, Mounts]
     odometry: OdometrySource
     scan_count: int
     duration: float
@@ -69,13 +69,13 @@ class Log:
 
     @property
     def T_base_laser(self) -> Pose:
-        """Mount of the first laser."""
-        return next(iter(self.lasers.values())).T_base_laser
+        """Mount of the first laser; the last one that it had."""
+        return next(iter(self.lasers.values())).at(np.inf).T_base_laser
 
     @property
     def upside_down(self) -> bool:
         """Tell whether the first laser hangs upside down."""
-        return next(iter(self.lasers.values())).upside_down
+        return next(iter(self.lasers.values())).at(np.inf).upside_down
 
     def __iter__(self) -> Iterator[Record]:
         """Yield the records; BagError where the bag ends before its time."""
@@ -90,7 +90,7 @@ class Log:
             for topic, log_time, message in reader.messages(topics):
                 if topic in self.lasers:
                     try:
-                        yield scan_from(message, self.lasers[topic],
+                        yield scan_from(message, self.lasers[topic].at(log_time),
                                         stamp(message.header, log_time), topic)
                     except ValueError as error:
                         self._count('scans_unusable', str(error))
@@ -157,17 +157,17 @@ def robots_in(path: str | Path) -> list[str]:
 
 
 def _mount_of(reader: BagReader, topic: str, base_frame: str, options: BagOptions,
-              notes: list[str]) -> Mount:
-    """Find the mount of the laser whose scans are on a topic, and note what is odd about it."""
+              notes: list[str]) -> Mounts:
+    """Find the mounts of the laser whose scans are on a topic, and note what is odd about it."""
     if options.laser_pose is not None:
-        return Mount(Pose.from_array(options.laser_pose))
+        return Mounts(Mount(Pose.from_array(options.laser_pose)))
     frame = plain(reader.first(topic).header.frame_id)
-    mount, odd = find_mount(reader, base_frame, frame, options.namespace)
+    mounts, odd = find_mounts(reader, base_frame, frame, options.namespace)
     notes += odd
-    if mount is None:
+    if mounts is None:
         notes.append(f'{reader.path}: no transform from {base_frame} to {frame!r}; the laser is '
                      f'taken to sit in {base_frame} (give --laser-pose)')
-    return mount or Mount(Pose())
+    return mounts or Mounts(Mount(Pose()))
 
 
 def _in_order(records: Iterator[Record]) -> Iterator[Record]:

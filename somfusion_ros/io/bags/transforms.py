@@ -4,13 +4,16 @@
 
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from somfusion_ros.io.bags.reader import BagReader
 from somfusion_ros.io.frame_names import bare, is_base, is_odometry, plain, prefix
 from somfusion_ros.io.frame_tree import FrameTree, Mount
 
 TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
+MOST_CORRECTIONS, MOST_NOTES = 1000, 3   # of one mount
 SCANNED_FOR_STATIC = 2000         # messages of /tf looked through where tf_static has no chain
 
 
@@ -27,37 +30,73 @@ def transform_topics(reader: BagReader, namespace: str) -> list[str]:
     return own if own == topics else [*own, *(t for t in shared if t not in own)]
 
 
-def find_mount(reader: BagReader, base_frame: str, laser_frame: str, namespace: str = ''
-               ) -> tuple[Mount | None, list[str]]:
+@dataclass(frozen=True)
+class Mounts:
+    """
+    Where a laser sits: its mount from the beginning, and those that came later.
+
+    later: time of recording [s] and mount, in the order of time.
+    """
+
+    first: Mount
+    later: list[tuple[float, Mount]] = field(default_factory=list)
+
+    def at(self, log_time: float) -> Mount:
+        """Return the mount that holds for a scan recorded at a time [s]."""
+        return next((mount for since, mount in reversed(self.later) if log_time >= since),
+                    self.first)
+
+
+def find_mounts(reader: BagReader, base_frame: str, laser_frame: str, namespace: str = ''
+                ) -> tuple[Mounts | None, list[str]]:
     """
     Find the mount of a laser, and sentences on what was odd; BagError where it is tilted.
 
     Where there is no chain to the laser, but to one frame that is spelt alike, that one is used.
     """
     tree = FrameTree()
-    mount = None
+    mounts: Mounts | None = None
     for topic in transform_topics(reader, namespace):
         static = 'static' in topic
-        for number, (_, _, message) in enumerate(reader.messages({topic})):
+        for number, (_, log_time, message) in enumerate(reader.messages({topic})):
             if number >= SCANNED_FOR_STATIC and not static:
                 break
+            known = len(tree.corrected)
             tree.add(message.transforms, static)
-        mount = _mount(reader, tree, base_frame, laser_frame, namespace)
-        if mount is not None:
+            if mounts is not None and len(tree.corrected) > known:
+                _correct(mounts, log_time, _mount(reader, tree, base_frame, laser_frame,
+                                                  namespace))
+            elif mounts is None and static:
+                mounts = _mounts(_mount(reader, tree, base_frame, laser_frame, namespace))
+        mounts = mounts or _mounts(_mount(reader, tree, base_frame, laser_frame, namespace))
+        if mounts is not None:
             break
-    notes = [f'{reader.path}: the transform {parent} -> {child} on tf_static was corrected later: '
-             'the last one is used' for parent, child in dict.fromkeys(tree.corrected)]
-    if mount is not None:
-        return mount, notes
+    notes = [f'{reader.path}: the mount of {laser_frame!r} on tf_static was corrected at '
+             f'{since:.3f} s: it is taken from then on'
+             for since, _ in (mounts.later[:MOST_NOTES] if mounts else [])]
+    if mounts is not None:
+        return mounts, notes
     alike = tree.similar(base_frame, laser_frame, namespace)
     if len(alike) > 1:
         raise reader.error(f'no transform from {base_frame} to the laser {laser_frame!r}, only to '
                            f'{", ".join(alike)}: give --laser-pose')
     if alike:
-        mount = _mount(reader, tree, base_frame, alike[0], namespace)
+        mounts = _mounts(_mount(reader, tree, base_frame, alike[0], namespace))
         notes.append(f'{reader.path}: no transform from {base_frame} to {laser_frame!r}: that to '
                      f'{alike[0]!r} is used')
-    return mount, notes
+    return mounts, notes
+
+
+def _mounts(mount: Mount | None) -> Mounts | None:
+    """Return the mounts of a laser that has one; None where it has none."""
+    return None if mount is None else Mounts(mount)
+
+
+def _correct(mounts: Mounts, log_time: float, mount: Mount | None) -> None:
+    """Keep the mount of a laser that was corrected, if it is another one."""
+    if mount is not None and mount != mounts.at(np.inf):
+        mounts.later.append((log_time, mount))
+        del mounts.later[:-MOST_CORRECTIONS]
 
 
 def odometry_frames(reader: BagReader, namespace: str = '') -> tuple[str, tuple[str, str]] | None:

@@ -204,6 +204,8 @@ class Pipeline:
         """Draw and publish the map."""
         slam, stamp = self.session.slam, self._last.stamp or Time()
         grid = slam.grid()
+        if slam.counters['map_scans_too_far']:
+            self._count('maps_too_large', 'scans are not drawn, as the map would be too large')
         if not self._mapper.stopping:
             self.map = self._publisher.grid(grid, slam, stamp)
         return grid
