@@ -66,6 +66,10 @@ class SlamNodeConfig:
         'Topics of the laser scans, as a list or as one text with blanks or commas between them; '
         'several for several lasers on one robot, each with a mount on /tf_static. LaserScan, '
         'MultiEchoLaserScan and PointCloud2 are read.', words=True)
+    use_peers: bool = parameter(
+        False, '', None, None,
+        "Show map, pose and path as the team's views straighten them, where fusion_node runs; the "
+        "robot's own estimate, and what is told of it, stay as they are.")
     laser_pose: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'm, m, rad', None, None,
         'Mount of the laser on the robot (x, y, yaw); where it is used, see mount_source.')

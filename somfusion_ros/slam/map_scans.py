@@ -63,7 +63,7 @@ class MapScans:
         """Keep a scan taken at a pose (3,) in the map."""
         self._scans[scan] = None
         self.newest = scan
-        here = self._places[_place(pose)]
+        here = self._places[place_of(pose)]
         here.append(scan)
         if len(here) > TUNING.kept:
             del self._scans[here.popleft()]
@@ -87,7 +87,7 @@ class MapScans:
         return list(self._scans)
 
 
-def _place(pose: Array) -> Place:
+def place_of(pose: Array) -> Place:
     """Return the square and the sector of the heading of a pose (3,)."""
     x, y, theta = pose.tolist()
     sector = int(np.floor(theta * TUNING.sectors / (2.0 * np.pi))) % TUNING.sectors

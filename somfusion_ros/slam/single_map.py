@@ -103,7 +103,7 @@ class SingleMap:
         T_odom_base = checkpoint.tracker.odometry.pose if checkpoint.tracker.odometry else Pose()
         T_map_odom = compose(pose, inverse(T_odom_base))
         self.last = Step(float(self.graph.trail.stamps[-1]), Pose.from_array(pose), covariance,
-                         Pose.from_array(T_map_odom), True, False, 0.0, False, '')
+                         Pose.from_array(T_map_odom), True, False, 0.0, False, '', self._at)
 
     def _is_due(self, track: Track, seen: Cloud) -> bool:
         """Return whether a view is due: with the first usable scan, then per minimum travel."""
@@ -232,7 +232,7 @@ class SingleMap:
         T_map_odom = compose(pose, inverse(odometry.pose))
         self.last = Step(stamp, Pose.from_array(pose), covariance,
                          Pose.from_array(T_map_odom), True, track.matched, track.inlier_ratio,
-                         is_view, track.reason)
+                         is_view, track.reason, max(self._at, 0))
         return self.last
 
     def _adds_to_map(self, pose: Array) -> bool:

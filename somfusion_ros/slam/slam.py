@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from somfusion_ros.geometry import Array, compose, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.slam.bend import Bend
 from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
@@ -70,9 +71,8 @@ class Slam:
     def __init__(self, config: SlamConfig | None = None, background: bool = False,
                  checkpoint: Checkpoint | None = None, epoch: Epoch = Epoch(),
                  start: Start = HERE) -> None:
-        self.config = config or SlamConfig()
-        self.counters: Counter[str] = Counter()
-        self.found: list[Found] = []
+        self.config, self.counters = config or SlamConfig(), Counter[str]()
+        self.found, self.bend = list[Found](), Bend()   # the bend is of what is drawn only
         self._background, self._drawn = background, start.drawn
         self._map_lock = Lock()   # guards the mapper
         self._switch = RLock()    # held while the robot is followed, becomes lost, is found
@@ -164,7 +164,7 @@ class Slam:
             return self._drawn
         scans, poses = self._map.drawn()
         with self._map_lock:
-            return self._mapper.render(scans, poses)
+            return self._mapper.render(scans, self.bend.views(poses))
 
     def views(self) -> tuple[Array, Array]:
         """Return stamps (n,) and poses T_map_base (n, 3) of the views, corrected by all loops."""

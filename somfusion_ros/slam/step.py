@@ -13,8 +13,8 @@ class Step:
     What one scan did.
 
     stamp [s], pose T_map_base and its covariance (3, 3), T_map_odom, whether the scan could be
-    used, whether it was matched and how much of it, whether it became a view, and what was
-    wrong with it ('' if nothing).
+    used, whether it was matched and how much of it, whether it became a view, what was wrong
+    with it ('' if nothing), and the view that the pose hangs on.
     """
 
     stamp: float
@@ -26,3 +26,4 @@ class Step:
     inlier_ratio: float
     is_view: bool
     reason: str
+    view: int = 0

@@ -7,7 +7,7 @@ Of every pair the robot whose name sorts first tells the bond, so that each matc
 message holds all bonds that the robot tells now; what is missing in it no longer holds.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 import json
 import struct
 from typing import NamedTuple
@@ -15,13 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond import Bond
+from somfusion_ros.team.compact import (pack, pack_covariance, pack_scaled, STEP, unpack,
+                                        unpack_covariance, unpack_scaled)
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_facts import believed, MAX_VIEWS, UPPER
 
-VERSION = 1
+VERSION = 2
 MOST_BONDS, MOST_MATCHES = 64, 256
+FARTHEST = 1000      # [m] of one view from the other
 SIZE = struct.Struct('<I')
-MATCH = struct.Struct('<II9f')   # views of target and source, z, upper triangle of R
 
 
 class ToldBond(NamedTuple):
@@ -39,12 +41,12 @@ def told(bond: Bond, epochs: tuple[Epoch, Epoch]) -> ToldBond:
 
 
 def encode_bonds(bonds: Sequence[ToldBond]) -> bytes:
-    """Pack bonds: 44 bytes per match."""
+    """Pack bonds: some 24 bytes per match."""
     head = json.dumps({'version': VERSION, 'bonds': [
         [bond.target, bond.source, *map(str, bond.epochs), len(bond.matches)]
         for bond in bonds]}).encode()
-    matches = [MATCH.pack(m.target_view, m.source_view, *m.z, *m.R[UPPER])
-               for bond in bonds for m in bond.matches]
+    matches = [pack((m.target_view, m.source_view)) + pack_scaled(m.z, STEP)
+               + pack_covariance(m.R) for bond in bonds for m in bond.matches]
     return b''.join([SIZE.pack(len(head)), head, *matches])
 
 
@@ -63,20 +65,23 @@ def decode_bonds(data: bytes, author: str) -> list[ToldBond]:
         raise ValueError('too many bonds or matches')
     if any(row[0] != author or row[0] >= row[1] for row in rows):
         raise ValueError(f'{author} tells a bond that is not its own')
-    body = data[SIZE.size + size:]
-    if len(body) != MATCH.size * sum(row[-1] for row in rows):
-        raise ValueError('bonds are cut short')
-    matches, bonds = iter(MATCH.iter_unpack(body)), []
+    rest, bonds = data[SIZE.size + size:], []
     for a, b, first, second, count in rows:
-        found = tuple(_match(a, b, next(matches)) for _ in range(count))
-        bonds.append(ToldBond(a, b, (first, second), found))
+        found = []
+        for _ in range(count):
+            match, rest = _match(a, b, rest)
+            found.append(match)
+        bonds.append(ToldBond(a, b, (first, second), tuple(found)))
+    if rest:
+        raise ValueError('bonds are too long')
     return bonds
 
 
-def _match(target: str, source: str, numbers: Iterable[float]) -> InterMatch:
-    """Make a match of its numbers; ValueError where they are absurd."""
-    i, j, *rest = numbers
-    if max(i, j) >= MAX_VIEWS or not np.isfinite(rest).all():
-        raise ValueError('a match is not finite')
-    return InterMatch(target, int(i), source, int(j), np.array(rest[:3]),
-                      believed(np.array(rest[3:])))
+def _match(target: str, source: str, data: bytes) -> tuple[InterMatch, bytes]:
+    """Unpack a match; return it and what follows. ValueError where it is absurd."""
+    (i, j), rest = unpack(data, 2)
+    z, rest = unpack_scaled(rest, STEP)
+    R, rest = unpack_covariance(rest)
+    if not (0 <= min(i, j) <= max(i, j) < MAX_VIEWS and np.abs(z).max() < FARTHEST):
+        raise ValueError('a match is absurd')
+    return InterMatch(target, i, source, j, z, believed(R[UPPER])), rest

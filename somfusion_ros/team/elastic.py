@@ -13,7 +13,8 @@ from itertools import combinations
 from typing import Protocol
 
 import numpy as np
-from somfusion_ros.geometry import Array, between, compose, fit, Pose
+from somfusion_ros.geometry import Array, between, compose, Pose
+from somfusion_ros.slam.bend import best_rigid
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bonding import bond_of, ElasticSettings
 from somfusion_ros.team.constraint import with_drift
@@ -83,7 +84,7 @@ def join(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bonds: Iterab
     solved = solve_joint(robots, [*matches, *ties], maps,
                          (settings or ElasticSettings()).joint, start).poses
     first = anchor if anchor in robots else names[0]
-    back = _best_rigid(solved[first], compose(maps[first], robots[first].poses))
+    back = best_rigid(solved[first], compose(maps[first], robots[first].poses))
     return {name: compose(back, poses) for name, poses in solved.items()}
 
 
@@ -104,14 +105,3 @@ def _groups(names: list[str], matches: Sequence[InterMatch]) -> list[list[str]]:
         together = group[m.target] | group[m.source]
         group |= dict.fromkeys(together, together)
     return [sorted(one) for one in {min(g): g for g in group.values()}.values()]
-
-
-def _best_rigid(poses: Array, wanted: Array) -> Array:
-    """Return the rigid motion (3,) that brings poses (n, 3) nearest to others (n, 3)."""
-    return np.array(fit(_ends(poses), _ends(wanted)))
-
-
-def _ends(poses: Array) -> Array:
-    """Return points (2 n, 2) one metre ahead of each pose and behind it."""
-    ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-    return np.concatenate([poses[:, :2] + ahead, poses[:, :2] - ahead])

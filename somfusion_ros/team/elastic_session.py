@@ -206,6 +206,19 @@ class ElasticSession:
             found[robot] = Pose.from_array(compose(poses[last], inverse(own[last])))
         return found
 
+    def own_path(self) -> tuple[Array, Array] | None:
+        """Return stamps (m,) [s] of the own views and where they are shown (m, 3) in the world."""
+        shown = self._glide.shown.get(self._name)
+        return None if shown is None else (self._solved_views[self._name].stamps, shown)
+
+    def told_pose(self, pose: Pose, path: Array | None) -> Pose:
+        """Return where the robot is in its map as its views are told; path: as it shows them."""
+        views = self._solved_views.get(self._name)
+        if self._name not in self._glide.shown or views is None or path is None or not len(path):
+            return pose
+        last = min(len(path), len(views)) - 1
+        return Pose.from_array(compose(views.poses[last], between(path[last], pose)))
+
     def seen(self, peers: Mapping[str, Pose], placed: Mapping[str, Pose]) -> dict[str, Pose]:
         """Return T_own_peer by peer, of placed maps, as the views have them where they came."""
         bent = {*self.solved} if self._name in self._glide.shown else set()

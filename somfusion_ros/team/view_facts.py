@@ -9,17 +9,21 @@ views, which are only drawn: a map of views alone knows a sixth to a third less.
 also the robot itself, uses what the bytes say: the same facts then give the same map everywhere.
 """
 
+from collections import Counter
 from dataclasses import dataclass
 import struct
 from weakref import WeakSet
 
 import numpy as np
-from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.geometry import Array, compose, wrap
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.free_space import Outline
+from somfusion_ros.slam.map_scans import Place, place_of
 from somfusion_ros.team.beam_code import decode_beams, encode_beams
+from somfusion_ros.team.compact import (pack, pack_covariance, pack_scaled, STEP, unpack,
+                                        unpack_covariance, unpack_scaled)
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 
@@ -30,6 +34,8 @@ class FactLimits:
     spacing: float = tuned(0.2, 'm, rad', 'between scans that are told to be drawn: at 0.1 they '
                            'cost twice as much, without any the map knows up to a third less',
                            'mines, wean, Intel and CSAIL')
+    per_place: int = tuned(2, 'scans', 'between views that are told of one place: whoever comes '
+                           'again and again tells views only', 'Intel, wean')
     farthest: float = tuned(1e5, 'm', 'from the origin of a map', 'by design')
     nearest: float = tuned(100.0, 'm', 'from its view that a scan may lie', 'by design')
     least: tuple[float, float] = tuned((1e-3, 5e-4), 'm, rad', 'sigma that is believed of a '
@@ -41,9 +47,7 @@ class FactLimits:
 TUNING = FactLimits()
 ROUNDED = 1 / 100                    # of the least variance: keeps one above 0 that is told
 MAX_VIEWS = 100_000                  # of one robot in one epoch
-VIEW = struct.Struct('<Id3f')        # number, stamp, pose T_map_view
-SCAN = struct.Struct('<Id3f')        # view, stamp, T_view_base
-CONSTRAINT = struct.Struct('<II9f')  # views, z, upper triangle of R
+STAMP = struct.Struct('<d')
 UPPER = np.triu_indices(3)
 
 
@@ -73,33 +77,43 @@ class ViewFact:
 
     def encode(self) -> bytes:
         """Pack the fact."""
-        head = VIEW.pack(self.number, self.stamp, *self.pose)
-        step = encode_constraint(self.step) if self.step else b''
+        head = pack((self.number,)) + STAMP.pack(self.stamp) + pack_scaled(self.pose, STEP)
+        step = encode_constraint(self.step, self.number) if self.step else b''
         return head + step + self.beams
 
 
 def decode_view(data: bytes) -> ViewFact:
     """Unpack a view; ValueError, with one line, where it is damaged or absurd."""
-    if len(data) < VIEW.size:
-        raise ValueError('a view is cut short')
-    number, stamp, *pose = VIEW.unpack_from(data)
-    if not (np.isfinite([stamp, *pose]).all() and np.abs(pose).max() < TUNING.farthest):
-        raise ValueError('a view lies nowhere')
-    if number >= MAX_VIEWS:
-        raise ValueError(f'view {number} is over {MAX_VIEWS}')
-    rest, step = data[VIEW.size:], None
+    (number,), rest = unpack(data, 1)
+    stamp, pose, rest = _placed(rest)
+    if not 0 <= number < MAX_VIEWS:
+        raise ValueError(f'view {number} is not one of {MAX_VIEWS}')
+    step = None
     if number:
-        step, rest = decode_constraint(rest[:CONSTRAINT.size]), rest[CONSTRAINT.size:]
-        if step.second != number or step.first >= number:
+        step, rest = _constraint(rest, number)
+        if step.first >= number:
             raise ValueError(f'view {number} does not follow a view before it')
-    return ViewFact(number, stamp, np.array(pose), rest, step)
+    return ViewFact(number, stamp, pose, rest, step)
 
 
-def encode_constraint(constraint: Constraint) -> bytes:
-    """Pack a constraint between two views of one robot: 44 bytes."""
+def _placed(data: bytes) -> tuple[float, Array, bytes]:
+    """Unpack a stamp and a pose (3,); return them and what follows."""
+    if len(data) < STAMP.size:
+        raise ValueError('a view is cut short')
+    stamp, = STAMP.unpack_from(data)
+    pose, rest = unpack_scaled(data[STAMP.size:], STEP)
+    if not (np.isfinite(stamp) and np.abs(pose).max() < TUNING.farthest):
+        raise ValueError('a view lies nowhere')
+    return stamp, pose, rest
+
+
+def encode_constraint(constraint: Constraint, second: int = 0) -> bytes:
+    """Pack a constraint between two views of one robot, some 20 bytes; second may be known."""
     R = constraint.R + np.diag([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2 * ROUNDED
     R = R * min(1.0, 0.5 * TUNING.largest_variance / np.diag(R).max())
-    return CONSTRAINT.pack(constraint.first, constraint.second, *constraint.z, *R[UPPER])
+    views = () if second else (constraint.second,)
+    return (pack((*views, constraint.second - constraint.first))
+            + pack_scaled(constraint.z, STEP) + pack_covariance(R))
 
 
 def decode_constraint(data: bytes) -> Constraint:
@@ -108,31 +122,40 @@ def decode_constraint(data: bytes) -> Constraint:
 
     Its covariance is positive definite: a claim to know better than the least is not believed.
     """
-    if len(data) != CONSTRAINT.size:
-        raise ValueError('a constraint is cut short')
-    first, second, *numbers = CONSTRAINT.unpack(data)
-    z, upper = np.array(numbers[:3]), np.array(numbers[3:])
-    if first == second or max(first, second) >= MAX_VIEWS:
+    (second,), rest = unpack(data, 1)
+    constraint, rest = _constraint(rest, second)
+    if rest:
+        raise ValueError('a constraint is too long')
+    return constraint
+
+
+def _constraint(data: bytes, second: int) -> tuple[Constraint, bytes]:
+    """Unpack a constraint that leads to a view; return it and what follows."""
+    (back,), rest = unpack(data, 1)
+    z, rest = unpack_scaled(rest, STEP)
+    R, rest = unpack_covariance(rest)
+    first = second - back
+    if first == second or not 0 <= min(first, second) <= max(first, second) < MAX_VIEWS:
         raise ValueError(f'a constraint joins views {first} and {second}')
-    if not (np.isfinite(numbers).all() and np.abs(z).max() < TUNING.farthest):
-        raise ValueError('a constraint is not finite')
-    return Constraint(first, second, np.array([z[0], z[1], wrap(z[2])]), believed(upper))
+    if not np.abs(z).max() < TUNING.farthest:
+        raise ValueError('a constraint leads nowhere')
+    z[2] = wrap(z[2])
+    return Constraint(first, second, z, believed(R[UPPER])), rest
 
 
 def encode_scan(scan: DrawnScan) -> bytes:
     """Pack a scan that is only drawn."""
-    return SCAN.pack(scan.view, scan.stamp, *scan.T_view_base) + encode_beams(scan.outline)
+    return (pack((scan.view,)) + STAMP.pack(scan.stamp) + pack_scaled(scan.T_view_base, STEP)
+            + encode_beams(scan.outline))
 
 
 def decode_scan(data: bytes) -> DrawnScan:
     """Unpack a scan that is only drawn; ValueError where it is damaged or absurd."""
-    if len(data) < SCAN.size:
-        raise ValueError('a scan is cut short')
-    view, stamp, *pose = SCAN.unpack_from(data)
-    if view >= MAX_VIEWS or not (np.isfinite([stamp, *pose]).all()
-                                 and np.abs(pose).max() < TUNING.nearest):
+    (view,), rest = unpack(data, 1)
+    stamp, pose, rest = _placed(rest)
+    if not 0 <= view < MAX_VIEWS or np.abs(pose).max() >= TUNING.nearest:
         raise ValueError('a scan hangs on nothing')
-    return DrawnScan(stamp, view, np.array(pose), decode_beams(data[SCAN.size:]).outline)
+    return DrawnScan(stamp, view, pose, decode_beams(rest).outline)
 
 
 def believed(upper: Array) -> Array:
@@ -159,6 +182,7 @@ class Teller:
         self._views = self._constraints = self._steps = self._rows = 0
         self._told: WeakSet[Outline] = WeakSet()
         self._last: tuple[int, Array] = -1, np.zeros(3)
+        self._places: Counter[Place] = Counter()
 
     def more(self, path: Checkpoint) -> Facts:
         """Return the facts of a path that are new."""
@@ -192,8 +216,12 @@ class Teller:
             view, last = self._last
             x, y, theta = scan.T_view_base - (last if view == scan.view else np.zeros(3))
             stamp = stamps.get((scan.view, *scan.T_view_base))
-            if stamp is not None and max(np.hypot(x, y), abs(wrap(theta))) >= TUNING.spacing:
-                self._last = scan.view, scan.T_view_base
+            if stamp is None or max(np.hypot(x, y), abs(wrap(theta))) < TUNING.spacing:
+                continue
+            self._last = scan.view, scan.T_view_base
+            place = place_of(compose(path.poses[scan.view], scan.T_view_base))
+            self._places[place] += 1
+            if self._places[place] <= TUNING.per_place:
                 chosen.append(DrawnScan(stamp, scan.view, scan.T_view_base, scan.outline))
         return chosen
 

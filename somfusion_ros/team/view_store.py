@@ -16,11 +16,12 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.beam_code import decode_beams
+from somfusion_ros.team.joint import settled
 from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decode_view, Facts,
                                            ViewFact)
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
-VERSION = 1
+VERSION = 2
 VIEW, LOOP, SCAN = 1, 2, 3
 HEAD = struct.Struct('<BBB')      # version, letters of the epoch and of the telling
 FACT = struct.Struct('<BH')       # kind, bytes
@@ -121,13 +122,17 @@ class ViewStore:
             self._chain.append(replace(view, beams=b''))
 
     def views(self) -> ViewSet:
-        """Return the views of the path as far as they are one path; always the same if so."""
+        """
+        Return the views of the path as far as they are one path; always the same if so.
+
+        They lie where all that the robot has told of them puts them.
+        """
         if self._views is None:
             n = len(self._chain)
-            self._views = ViewSet(
+            self._views = settled(ViewSet(
                 np.array([view.stamp for view in self._chain]),
                 np.array([view.pose for view in self._chain]).reshape(-1, 3),
                 list(self._clouds), [view.step for view in self._chain if view.step],
                 [c for fact, c in sorted(self._loops.items()) if max(c.first, c.second) < n],
-                [scan for fact, scan in sorted(self._scans.items()) if scan.view < n])
+                [scan for fact, scan in sorted(self._scans.items()) if scan.view < n]))
         return self._views

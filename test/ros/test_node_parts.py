@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from helpers import fake_grid, fake_room, need_data, need_ros
+import numpy as np
 import pytest
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Pose
@@ -28,6 +29,7 @@ from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
 from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
 from somfusion_ros.ros.fusion.view_link import ViewLink  # noqa: E402
+from somfusion_ros.ros.slam.joint_path import JointPath  # noqa: E402
 from somfusion_ros.team.heard import Heard  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
@@ -200,7 +202,11 @@ class TopicsOnly:
     def create_publisher(self, _: type, topic: str, qos: Any) -> Any:
         """Publish on a topic."""
         told = self.told.setdefault(topic if topic.startswith('/') else f'/{topic}', [])
-        return SimpleNamespace(publish=told.append)
+        return SimpleNamespace(publish=told.append, get_subscription_count=lambda: 1)
+
+    def get_clock(self) -> Any:
+        """Return a clock that stands still."""
+        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=Time))
 
 
 @pytest.mark.parametrize(('prefix', 'remapped', 'retold'), [
@@ -215,3 +221,23 @@ def test_views_of_a_robot_in_the_root_namespace_are_told_below_its_name(
     node.heard[remapped.get('views', '/views')](message)
     assert kept == [('robot1', b'some views')]
     assert node.told.get('/robot1/views', []) == ([message] if retold else [])
+
+
+def test_where_the_team_has_the_own_views_is_told_and_heard() -> None:
+    """What fusion_node tells on joint_path is what slam_node with use_peers takes."""
+    shown = np.array([(1.0, 2.0, 0.3), (1.5, 2.1, 0.4)])
+    session = FusionSession('robot1', TeamConfig(), FusionConfig(), lambda line: None)
+    session.elastic.own_path = lambda: (np.array([100.25, 101.5]), shown)  # type: ignore
+    node, taken = TopicsOnly(), []
+    link = ViewLink(node, '', 'robot1', session, SimpleNamespace(), lambda kind, reason: None)
+    JointPath(node, lambda *path: taken.append(path), lambda kind, reason: None)
+    for _ in range(2):
+        link.say_joint('world')
+    message, = node.told['/joint_path']      # once
+    node.heard['/joint_path'](message)
+    (stamps, poses), = taken
+    assert stamps == pytest.approx([100.25, 101.5], abs=1e-6)
+    assert poses == pytest.approx(shown, abs=1e-9)
+    message.poses[0].pose.position.x = float('nan')
+    node.heard['/joint_path'](message)
+    assert len(taken) == 1

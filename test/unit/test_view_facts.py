@@ -15,11 +15,12 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud, cloud
 from somfusion_ros.team.beam_code import decode_beams, encode_beams, MAX_BEAMS
-from somfusion_ros.team.view_facts import (CONSTRAINT, decode_constraint, decode_view,
-                                           encode_constraint, Facts, heard, tell, Teller, TUNING,
-                                           UPPER, ViewFact)
+from somfusion_ros.team.compact import pack, pack_covariance, pack_scaled, STEP as POSE_STEP
+from somfusion_ros.team.compact import unpack
+from somfusion_ros.team.view_facts import (decode_constraint, decode_view, encode_constraint,
+                                           Facts, heard, tell, Teller, TUNING, ViewFact)
 
-STEP = 0.01      # [m] of a range that is told
+STEP = 0.02      # [m] of a range that is told
 
 
 def seen_from(pose: Array, twist: Array | None = None, sweep: float = 0.0, beams: int = 361
@@ -41,7 +42,7 @@ def test_beams_come_through(x: float, y: float, theta: float, speed: float, turn
     off = np.hypot(*(back.outline.ends - seen.outline.ends)[seen.outline.hit].T)
     assert off.max(initial=0.0) < 0.55 * STEP      # and what single precision costs
     assert np.abs(back.outline.reach - seen.outline.reach).max() < 0.51 * STEP
-    assert np.allclose(back.outline.origin, seen.outline.origin, atol=1e-6)
+    assert np.allclose(back.outline.origin, seen.outline.origin, atol=6e-5)
 
 
 def test_a_view_costs_few_bytes() -> None:
@@ -81,7 +82,7 @@ def test_garbage_ends_in_a_value_error_or_a_small_view(noise: bytes, at: int, bi
 
 
 def test_a_bomb_is_refused() -> None:
-    head = encode_beams(seen_from(np.array([2.0, 2.0, 1.0])).outline)[:26]
+    head = pack((361,)) + pack_scaled(np.zeros(6), np.ones(6))
     import zlib
     packer = zlib.compressobj(9, wbits=-15)
     bomb = packer.compress(bytes(50_000_000)) + packer.flush()
@@ -98,17 +99,25 @@ def test_constraints_come_through_with_a_floor(z: tuple, sigma: tuple, turn: flo
     R = Q @ np.diag(sigma) ** 2 @ Q.T
     back = decode_constraint(encode_constraint(Constraint(3, 17, np.array(z), R)))
     assert (back.first, back.second) == (3, 17)
-    assert back.z[:2] == pytest.approx(z[:2], abs=1e-5)
+    assert np.abs(back.z[:2] - z[:2]).max() <= 0.51 * POSE_STEP[0]
     floor = np.array([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2
     assert (np.diag(back.R) >= np.maximum(np.diag(R), floor) * (1.0 - 1e-4)).all()
     assert np.linalg.eigvalsh(back.R)[0] > 0.0
 
 
-@pytest.mark.parametrize('R', [np.zeros((3, 3)), -np.eye(3), np.full((3, 3), np.nan),
-                               1e9 * np.eye(3), np.array([[1.0, 5, 0], [5, 1, 0], [0, 0, 1]])])
+@pytest.mark.parametrize('R', [1e9 * np.eye(3), np.array([[1.0, 5, 5], [5, 1, -5], [5, -5, 1]])])
 def test_an_absurd_covariance_is_refused(R: Array) -> None:
-    with pytest.raises(ValueError, match='covariance|finite'):
-        decode_constraint(CONSTRAINT.pack(0, 1, 0.0, 0.0, 0.0, *R[UPPER]))
+    told = pack((1, 1)) + pack_scaled(np.zeros(3), POSE_STEP) + pack_covariance(R)
+    with pytest.raises(ValueError, match='covariance'):
+        decode_constraint(told)
+
+
+@given(st.lists(st.integers(-2 ** 50, 2 ** 50), max_size=20), st.binary(max_size=9))
+def test_numbers_come_through(numbers: list[int], rest: bytes) -> None:
+    assert unpack(pack(numbers) + rest, len(numbers)) == (numbers, rest)
+    if numbers:
+        with pytest.raises(ValueError, match='cut short'):
+            unpack(pack(numbers)[:-1], len(numbers))
 
 
 def path(count: int = 6) -> Checkpoint:
@@ -157,7 +166,7 @@ def test_order_and_doubling_do_not_matter_and_what_follows_a_gap_waits() -> None
 
 
 def test_a_view_that_follows_no_other_is_refused() -> None:
-    wrong = ViewFact(4, 0.0, np.zeros(3), b'', Constraint(4, 5, np.zeros(3), np.eye(3)))
+    wrong = ViewFact(4, 0.0, np.zeros(3), b'', Constraint(5, 4, np.zeros(3), np.eye(3)))
     with pytest.raises(ValueError, match='does not follow'):
         decode_view(wrong.encode())
 

@@ -15,6 +15,7 @@ MAP_GRADED = 'map_graded'
 GLOBAL_MAP, GLOBAL_MAP_GRADED = 'global_map', 'global_map_graded'
 INITIAL_POSE, DYNAMIC_MAP = 'initialpose', 'dynamic_map'
 VIEWS = 'views'            # what a robot's path is made of, as a log
+JOINT_PATH = 'joint_path'   # where the team's problem has the robot's own views, in world
 MAP_EPOCH = 'map_epoch'    # which map it is that the other topics speak of
 
 # The team, for those who use its results.

@@ -147,6 +147,7 @@ class FusionNode(ManagedNode):
         self._link.say(snapshot, time.monotonic())
         self._link.flush()
         self._views.say()
+        self._views.say_joint(self._config.world_frame)
         looked_around = self._discovery.looks >= LOOKS_AROUND
         self._transforms.place(snapshot, self._discovery.alive, looked_around)
         self._global_map.update()
@@ -167,7 +168,9 @@ class FusionNode(ManagedNode):
                              self._discovery.present)
         poses = self._inbox.heard[self._name].poses
         if poses:
-            self._link.tell_pose(poses[-1], self._config.map_frame)
+            session = self._session
+            told = session.elastic.told_pose(poses[-1].pose, session.path)
+            self._link.tell_pose(poses[-1]._replace(pose=told), self._config.map_frame)
 
     def _report(self) -> None:
         """Publish the status of the node and of each peer."""

@@ -15,7 +15,7 @@ from typing import Any
 from nav_msgs.msg import Path
 import numpy as np
 from somfusion_ros.ros.common import names, qos
-from somfusion_ros.ros.common.conversions import pose_from_message
+from somfusion_ros.ros.common.conversions import path_message, pose_from_message
 from somfusion_ros.ros.fusion.team_messages import bytes_from_message, bytes_message
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.view_inbox import ViewInbox
@@ -42,6 +42,8 @@ class ViewLink:
         self._retold = (node.create_publisher(UInt8MultiArray, there, qos.LOG)
                         if prefix and own.topic_name != there else None)
         node.create_subscription(Path, names.PATH, self._on_path, qos.LATEST)
+        self._joint = node.create_publisher(Path, names.JOINT_PATH, qos.LATCHED)
+        self._joint_said: Any = None
 
     def want(self, peers: Collection[str]) -> None:
         """Listen to the views and the bonds of some peers."""
@@ -58,6 +60,14 @@ class ViewLink:
         if data != self._said:
             self._said = data
             self._bonds.publish(bytes_message(data))
+
+    def say_joint(self, frame: str) -> None:
+        """Publish where the own views are shown in the world, where somebody uses that."""
+        path = self._session.elastic.own_path()
+        if (path is not None and path[1] is not self._joint_said
+                and self._joint.get_subscription_count()):
+            self._joint_said = path[1]
+            self._joint.publish(path_message(*path, frame, self._node.get_clock().now().to_msg()))
 
     def _on_own_views(self, robot: str, message: UInt8MultiArray) -> None:
         """Keep what the own slam_node tells; tell it again where the others look for it."""

@@ -28,6 +28,7 @@ from somfusion_ros.ros.common.optional_types import message_type
 from somfusion_ros.ros.common.runtime import run
 from somfusion_ros.ros.common.saved_files import file_stem, requested_name
 from somfusion_ros.ros.common.tf import Mounts
+from somfusion_ros.ros.slam.joint_path import JointPath
 from somfusion_ros.ros.slam.odometry_input import OdometryInput
 from somfusion_ros.ros.slam.peer_bodies import PeerBodies
 from somfusion_ros.ros.slam.pipeline import Pipeline, TICK
@@ -83,6 +84,8 @@ class SlamNode(ManagedNode):
         self._pipeline.start()
         self._mounts = Mounts(part, config.given_mount, self._count)
         self._bodies = PeerBodies(part, config.peer_radius)
+        if config.use_peers:
+            JointPath(part, self._pipeline.straighten, self._count)
         self._odometry = OdometryInput(part, config, self._pipeline.add_odometry, self._count)
         self._scans = ScanInput(part, config.scan_topics, self._on_scan, self._count)
         self._inputs = f'{self._scans.topic}, {self._odometry.topic}'
@@ -213,8 +216,7 @@ class SlamNode(ManagedNode):
 
     def _dynamic_map(self, request: Any, response: GetMap.Response) -> GetMap.Response:
         """Answer with the map as published last."""
-        if self._pipeline.map is not None:
-            response.map = self._pipeline.map
+        response.map = self._pipeline.map or response.map
         return response
 
     def _save(self, name: str) -> str:

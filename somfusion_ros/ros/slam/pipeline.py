@@ -24,6 +24,7 @@ from somfusion_ros.ros.common.conversions import time_message
 from somfusion_ros.ros.common.worker import Worker
 from somfusion_ros.ros.slam.publisher import SlamPublisher
 from somfusion_ros.ros.slam.status import Last
+from somfusion_ros.slam.bend import Bend
 from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
@@ -78,7 +79,8 @@ class Pipeline:
 
     def add_scan(self, scan: Scan, stamp: Time, bodies: Bodies) -> None:
         """Queue a scan until its odometry comes; bodies are where other robots are now."""
-        self.session.bodies = bodies
+        bend, step = self.session.slam.bend, self._last.step
+        self.session.bodies = bend.bodies(bodies, step.view) if step else bodies
         self.session.add_scan(scan, stamp, self._ticks * TICK)
         self._tracker.wake()
 
@@ -131,11 +133,20 @@ class Pipeline:
             if not len(slam.views()[0]):
                 self._say('initialpose: there is no map yet that the pose could be in')
                 return
-            slam.relocate(pose, P)
+            slam.relocate(slam.bend.undo(np.array(pose), slam.views()[1]), P)
             self._last.placed = True
             self._say(f'initialpose: the robot is taken to be at {pose.x:.2f} m, {pose.y:.2f} m, '
                       f'{np.degrees(pose.theta):.1f} deg in the map')
         self._tracker.submit(stand)
+
+    def straighten(self, stamps: Array, joint: Array) -> None:
+        """Show the map as peers' views straighten it: views of stamps (m,) lie at joint (m, 3)."""
+        slam = self.session.slam
+        known, own = slam.views()
+        n = len(stamps)
+        if 1 < n <= len(own) and np.allclose(known[:n], stamps, 0.0, 1e-4):
+            slam.bend = Bend.of(own[:n], joint)     # else it is of another map
+            self._drawn = None
 
     def reset(self) -> str:
         """Begin a new map, or look for the robot in the given map anew; return what was done."""
@@ -170,9 +181,10 @@ class Pipeline:
         self._last.scans += 1
         self._publisher.epoch(self.session.slam.epoch)   # a jump of time may have begun a map
         if step.accepted:
-            self._last.stamp, self._last.step = stamp, step
+            shown = self.session.slam.bend.step(step)
+            self._last.stamp, self._last.step = stamp, shown
             self._last.placed = self._last.placed or step.reason != 'lost'
-            self._publisher.pose(step, stamp)
+            self._publisher.pose(shown, stamp)
         self._tell_found()
         return True
 

@@ -49,7 +49,8 @@ class SlamPublisher:
         frame = self._config.map_frame
         message = convert.grid_message(grid, frame, stamp)
         message.info.map_load_time = self.epoch(slam.epoch).loaded
-        self._path_message = convert.path_message(*slam.views(), frame, stamp)
+        stamps, poses = slam.views()
+        self._path_message = convert.path_message(stamps, slam.bend.views(poses), frame, stamp)
         self._shown = message, grid
         self.repeat_map()
         self._views.publish(slam)
