@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from somfusion_ros.fusion.alignment import Alignment
-from somfusion_ros.geometry import Pose
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.shared_map import SharedMap
-from somfusion_ros.team.world import anchored
+from somfusion_ros.team.world import anchored, anchored_covariances
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,11 @@ class Snapshot:
         if robot in self.placed:
             return dict(self.placed)
         return anchored(self.solution.group_of(robot), self.anchor)
+
+    def covariances(self, robot: str) -> dict[str, Array]:
+        """Return the covariance (3, 3) of T_world_map by robot of the connected team."""
+        return anchored_covariances(self.solution.group_of(robot), self.solution.covariances,
+                                    self.anchor)
 
     def connected(self, robot: str) -> list[str]:
         """Return the robots of the connected team; none while the robot is alone."""

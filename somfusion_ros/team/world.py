@@ -5,7 +5,7 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from somfusion_ros.geometry import between, Pose
+from somfusion_ros.geometry import Array, between, between_jacobians, Pose
 from somfusion_ros.team.gliding import TUNING as STEP
 from somfusion_ros.team.words import ordinal
 
@@ -20,6 +20,24 @@ def anchored(group: Mapping[str, Pose], anchor: str) -> dict[str, Pose]:
     if anchor not in group:
         return dict(group)
     return {robot: Pose.from_array(between(group[anchor], pose)) for robot, pose in group.items()}
+
+
+def anchored_covariances(group: Mapping[str, Pose], covariances: Mapping[str, Array],
+                         anchor: str) -> dict[str, Array]:
+    """
+    Express the covariances (3, 3) of T_world_map by robot in the map frame of an anchor.
+
+    How the errors of two maps hang together is not known: they are taken to be independent, which
+    makes the sum no smaller than it is.
+    """
+    P = {robot: covariances.get(robot, np.zeros((3, 3))) for robot in group}
+    if anchor not in group:
+        return P
+    found = {anchor: np.zeros((3, 3))}
+    for robot in group.keys() - {anchor}:
+        by_anchor, by_robot = between_jacobians(group[anchor], group[robot])
+        found[robot] = by_anchor @ P[anchor] @ by_anchor.T + by_robot @ P[robot] @ by_robot.T
+    return found
 
 
 def anchor_of(group: Mapping[str, Pose], anchor: str) -> str:

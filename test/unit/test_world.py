@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import between, Pose
 from somfusion_ros.team.words import ordinal, sentence
-from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
+from somfusion_ros.team.world import anchor_of, anchored, anchored_covariances, WorldWatch
 
 coordinate = st.floats(-100.0, 100.0)
 poses = st.builds(Pose, coordinate, coordinate, st.floats(-3.1, 3.1))
@@ -29,6 +29,18 @@ def test_an_anchor_moves_world_and_nothing_in_it(group: dict[str, Pose], anchor:
     else:
         assert world == group
         assert anchor_of(group, anchor) == min(group)
+
+
+def test_the_anchor_is_certain_and_the_others_as_uncertain_as_it_was() -> None:
+    group = {'a': Pose(), 'b': Pose(10.0, 0.0, np.pi / 2), 'c': Pose(10.0, 5.0, 0.0)}
+    P = {'a': np.zeros((3, 3)), 'b': np.diag([0.04, 0.01, 1e-4]), 'c': np.diag([0.01, 0.01, 1e-4])}
+    unmoved = anchored_covariances(group, P, '')
+    assert all(np.array_equal(unmoved[robot], P[robot]) for robot in group)
+    moved = anchored_covariances(group, P, 'b')
+    assert not moved['b'].any()
+    # What b was uncertain of across is along in its frame; 10 m of lever make 0.01 m^2 of 1e-4.
+    assert np.diag(moved['a']) == pytest.approx([0.01 + 0.01, 0.04, 1e-4])
+    assert np.diag(moved['c']) == pytest.approx([0.02, 0.05 + 25e-4, 2e-4])
 
 
 def test_every_change_of_world_is_said_and_counted() -> None:

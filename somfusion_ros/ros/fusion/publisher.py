@@ -92,7 +92,7 @@ class FusionPublisher:
     def _team_poses(self, here: Mapping[str, TimedPose], snapshot: Snapshot, stamp: Time) -> None:
         """Publish where the robots are: all in one message, and each with its covariance."""
         own, frame = self._frames.robot, self._frames.world
-        world, covariances = snapshot.world(own), snapshot.solution.covariances
+        world, covariances = snapshot.world(own), snapshot.covariances(own)
         poses = {robot: Pose.from_array(compose(world[robot], item.pose))
                  for robot, item in here.items()}
         if poses or self._poses_told:
@@ -106,7 +106,7 @@ class FusionPublisher:
                                                     self._frames.own, stamp))
         for robot, pose in poses.items():
             by_map, by_pose = compose_jacobians(world[robot], here[robot].pose)
-            P = (by_map @ covariances.get(robot, np.zeros((3, 3))) @ by_map.T
+            P = (by_map @ covariances[robot] @ by_map.T
                  + by_pose @ here[robot].covariance @ by_pose.T)
             self._pose_of(robot).publish(convert.pose_with_covariance(pose, P, frame, stamp))
 
