@@ -27,7 +27,8 @@ from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
 from somfusion_ros.slam.trajectory import with_odometry
 from somfusion_ros.team.joint_map import Held
-from somfusion_ros.team.view_facts import Facts, tell
+from somfusion_ros.team.teller import tell
+from somfusion_ros.team.view_facts import Facts
 
 PATIENCE = 1e9         # [s] that a scan of a log waits: all of its odometry will come
 MOST_WAITING = 20000   # scans of a log that may wait for odometry that was written later

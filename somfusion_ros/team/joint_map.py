@@ -56,7 +56,8 @@ def _placed(views: ViewSet, poses: Array) -> list[tuple[float, Array, Outline]]:
     """Return stamps, poses (3,) in the world and outlines of views and scans between them."""
     n = len(poses)
     placed = [(float(stamp), pose, cloud.outline)
-              for stamp, pose, cloud in zip(views.stamps[:n], poses, views.clouds[:n])]
+              for stamp, pose, cloud in zip(views.stamps[:n], poses, views.clouds[:n])
+              if len(cloud.outline.reach)]     # else it was taken back
     for scan in views.between:
         if scan.view >= n:
             continue

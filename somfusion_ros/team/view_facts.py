@@ -9,18 +9,13 @@ views, which are only drawn: a map of views alone knows a sixth to a third less.
 also the robot itself, uses what the bytes say: the same facts then give the same map everywhere.
 """
 
-from collections import Counter
 from dataclasses import dataclass
 import struct
-from weakref import WeakSet
 
 import numpy as np
-from somfusion_ros.geometry import Array, compose, wrap
+from somfusion_ros.geometry import Array, wrap
 from somfusion_ros.settings import tuned
-from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.free_space import Outline
-from somfusion_ros.slam.map_scans import Place, place_of
 from somfusion_ros.team.beam_code import decode_beams, encode_beams
 from somfusion_ros.team.compact import (pack, pack_covariance, pack_scaled, STEP, unpack,
                                         unpack_covariance, unpack_scaled)
@@ -29,13 +24,8 @@ from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 @dataclass(frozen=True)
 class FactLimits:
-    """What is told of a path, and what is believed of what came."""
+    """What is believed of what came."""
 
-    spacing: float = tuned(0.2, 'm, rad', 'between scans that are told to be drawn: at 0.1 they '
-                           'cost twice as much, without any the map knows up to a third less',
-                           'mines, wean, Intel and CSAIL')
-    per_place: int = tuned(2, 'scans', 'between views that are told of one place: whoever comes '
-                           'again and again tells views only', 'Intel, wean')
     farthest: float = tuned(1e5, 'm', 'from the origin of a map', 'by design')
     nearest: float = tuned(100.0, 'm', 'from its view that a scan may lie', 'by design')
     least: tuple[float, float] = tuned((1e-3, 5e-4), 'm, rad', 'sigma that is believed of a '
@@ -53,16 +43,22 @@ UPPER = np.triu_indices(3)
 
 @dataclass(frozen=True)
 class Facts:
-    """What a robot tells of its path, packed: views, constraints of loops, scans between."""
+    """
+    What a robot tells of its path, packed: views, constraints of loops, scans between.
+
+    taken_back: views that show nothing any more, as those of a robot that was carried away.
+    """
 
     views: tuple[bytes, ...] = ()
     loops: tuple[bytes, ...] = ()
     between: tuple[bytes, ...] = ()
+    taken_back: tuple[bytes, ...] = ()
 
     @property
     def size(self) -> int:
         """Bytes in all."""
-        return sum(len(fact) for kind in (self.views, self.loops, self.between) for fact in kind)
+        return sum(len(fact) for kind in (self.views, self.loops, self.between, self.taken_back)
+                   for fact in kind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +154,14 @@ def decode_scan(data: bytes) -> DrawnScan:
     return DrawnScan(stamp, view, pose, decode_beams(rest).outline)
 
 
+def decode_taken_back(fact: bytes) -> range:
+    """Unpack which views show nothing any more; ValueError where it is absurd."""
+    (first, count), rest = unpack(fact, 2)
+    if rest or not 0 <= first < first + count <= MAX_VIEWS:
+        raise ValueError('views that do not exist are taken back')
+    return range(first, first + count)
+
+
 def believed(upper: Array) -> Array:
     """Return a covariance (3, 3), floored, of its triangle (6,); ValueError if absurd."""
     R = np.zeros((3, 3))
@@ -173,62 +177,6 @@ def believed(upper: Array) -> Array:
     floor = np.array([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2
     raised: Array = R + np.diag(np.maximum(floor - np.diag(R), 0.0))
     return raised
-
-
-class Teller:
-    """Tells of a robot's path what it has not told yet."""
-
-    def __init__(self) -> None:
-        self._views = self._constraints = self._steps = self._rows = 0
-        self._told: WeakSet[Outline] = WeakSet()
-        self._last: tuple[int, Array] = -1, np.zeros(3)
-        self._places: Counter[Place] = Counter()
-
-    def more(self, path: Checkpoint) -> Facts:
-        """Return the facts of a path that are new."""
-        steps, loops = {}, []
-        for constraint in path.constraints[self._constraints:]:
-            if constraint.second == self._steps + 1:     # the first that leads to a view
-                self._steps += 1
-                steps[constraint.second] = constraint
-            else:
-                loops.append(encode_constraint(constraint))
-        views = []
-        for k in range(self._views, len(path.clouds)):
-            outline = path.clouds[k].outline
-            self._told.add(outline)
-            views.append(ViewFact(k, float(path.stamps[k]), path.poses[k], encode_beams(outline),
-                                  steps.get(k)).encode())
-        between = [encode_scan(scan) for scan in self._fresh(path)]
-        self._views, self._constraints = len(path.clouds), len(path.constraints)
-        return Facts(tuple(views), tuple(loops), tuple(between))
-
-    def _fresh(self, path: Checkpoint) -> list[DrawnScan]:
-        """Choose scans that are new, spaced from one another and from the view they hang on."""
-        rows = path.trail[min(self._rows, len(path.trail)):]
-        stamps = {(int(row[1]), *row[2:]): float(row[0]) for row in rows}
-        self._rows = len(path.trail)
-        chosen = []
-        for scan in path.scans:
-            if scan.outline in self._told:
-                continue
-            self._told.add(scan.outline)
-            view, last = self._last
-            x, y, theta = scan.T_view_base - (last if view == scan.view else np.zeros(3))
-            stamp = stamps.get((scan.view, *scan.T_view_base))
-            if stamp is None or max(np.hypot(x, y), abs(wrap(theta))) < TUNING.spacing:
-                continue
-            self._last = scan.view, scan.T_view_base
-            place = place_of(compose(path.poses[scan.view], scan.T_view_base))
-            self._places[place] += 1
-            if self._places[place] <= TUNING.per_place:
-                chosen.append(DrawnScan(stamp, scan.view, scan.T_view_base, scan.outline))
-        return chosen
-
-
-def tell(path: Checkpoint) -> Facts:
-    """Tell of a robot's path all at once."""
-    return Teller().more(path)
 
 
 def heard(told: Facts) -> ViewSet:

@@ -14,15 +14,16 @@ import struct
 import numpy as np
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.loop_closer import NOTHING
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.beam_code import decode_beams
 from somfusion_ros.team.joint import settled
-from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decode_view, Facts,
-                                           ViewFact)
+from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decode_taken_back,
+                                           decode_view, Facts, ViewFact)
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 VERSION = 2
-VIEW, LOOP, SCAN = 1, 2, 3
+VIEW, LOOP, SCAN, TAKEN_BACK = 1, 2, 3, 4
 HEAD = struct.Struct('<BBB')      # version, letters of the epoch and of the telling
 FACT = struct.Struct('<BH')       # kind, bytes
 MOST_BYTES = 40_000_000           # of one robot's facts: ten kilometres of driving
@@ -33,7 +34,8 @@ def encode_batch(epoch: Epoch, telling: str, facts: Facts) -> bytes:
     """Pack facts of one epoch."""
     words = str(epoch).encode(), telling.encode()
     parts = [HEAD.pack(VERSION, *map(len, words)), *words]
-    for kind, group in ((VIEW, facts.views), (LOOP, facts.loops), (SCAN, facts.between)):
+    for kind, group in ((VIEW, facts.views), (LOOP, facts.loops), (SCAN, facts.between),
+                        (TAKEN_BACK, facts.taken_back)):
         for fact in group:
             parts += [FACT.pack(kind, len(fact)), fact]
     return b''.join(parts)
@@ -79,6 +81,7 @@ class ViewStore:
         self._clouds: list[Cloud] = []
         self._loops: dict[bytes, Constraint] = {}
         self._scans: dict[bytes, DrawnScan] = {}
+        self._taken_back: set[int] = set()
         self._views: ViewSet | None = None
         self.bytes = 0
 
@@ -113,6 +116,8 @@ class ViewStore:
             self._loops[fact] = decode_constraint(fact)
         elif kind == SCAN:
             self._scans[fact] = decode_scan(fact)
+        elif kind == TAKEN_BACK:
+            self._taken_back.update(decode_taken_back(fact))
         else:
             raise ValueError(f'a fact of the unknown kind {kind}')
         self.bytes += len(fact)
@@ -132,7 +137,10 @@ class ViewStore:
             self._views = settled(ViewSet(
                 np.array([view.stamp for view in self._chain]),
                 np.array([view.pose for view in self._chain]).reshape(-1, 3),
-                list(self._clouds), [view.step for view in self._chain if view.step],
+                [NOTHING if k in self._taken_back else cloud
+                 for k, cloud in enumerate(self._clouds)],
+                [view.step for view in self._chain if view.step],
                 [c for fact, c in sorted(self._loops.items()) if max(c.first, c.second) < n],
-                [scan for fact, scan in sorted(self._scans.items()) if scan.view < n]))
+                [scan for fact, scan in sorted(self._scans.items())
+                 if scan.view < n and scan.view not in self._taken_back]))
         return self._views

@@ -15,7 +15,7 @@ from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.step import Step
 from somfusion_ros.team.joint import solve_joint
-from somfusion_ros.team.view_facts import tell
+from somfusion_ros.team.teller import tell
 from test_joint import team
 
 paths = arrays(float, st.tuples(st.integers(2, 12), st.just(3)),

@@ -3,6 +3,7 @@
 """A live team bends its maps alike on every robot, whatever happens to the messages."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from helpers import checkpoint
 import numpy as np
@@ -11,9 +12,12 @@ from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import between, compose, inverse, Pose
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.loop_closer import NOTHING
 from somfusion_ros.team.bond_codec import decode_bonds
 from somfusion_ros.team.elastic_session import ElasticSession
-from somfusion_ros.team.view_facts import Facts, tell
+from somfusion_ros.team.joint_map import draw_joint
+from somfusion_ros.team.teller import tell, Teller
+from somfusion_ros.team.view_facts import Facts
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import encode_batch, ViewStore
 from test_elastic import bent_team
@@ -156,6 +160,29 @@ def test_views_lie_where_loops_that_came_later_put_them() -> None:
     assert drifted > 0.5
     assert settled < 0.2 * drifted
     assert store.views().poses[0] == pytest.approx(own.poses[0], abs=1e-4)
+
+
+def test_views_that_were_taken_back_show_nothing() -> None:
+    """A robot was carried away: what it saw until it noticed is gone, also where it was told."""
+    views, truth, _ = bent_team()
+    own, n = views['robot1'], len(views['robot1'])
+    whole = checkpoint(own.stamps, own.poses, own.clouds, own.steps)
+    teller, store, first = Teller(), ViewStore(), n - 8
+    store.take(encode_batch(EPOCHS['robot1'], 't', teller.more(whole)))
+    back = replace(whole, clouds=[*own.clouds[:first], *[NOTHING] * 8])
+    more = teller.more(back)
+    assert teller.more(back).size == 0
+    store.take(encode_batch(EPOCHS['robot1'], 't', more))
+    store.take(encode_batch(EPOCHS['robot1'], 't', more))
+    heard = store.views()
+    assert len(heard) == n
+    assert [len(cloud.points) > 0 for cloud in heard.clouds] == [k < first for k in range(n)]
+    drawn = draw_joint({'a': heard}, {'a': truth['robot1']}, 0.05)
+    alone = draw_joint({'a': heard}, {'a': truth['robot1'][:first]}, 0.05)
+    assert np.array_equal(drawn.evidence, alone.evidence)
+    late = ViewStore()      # a late joiner gets the views as they are now
+    late.take(encode_batch(EPOCHS['robot1'], 't', tell(back)))
+    assert [len(c.points) for c in late.views().clouds] == [len(c.points) for c in heard.clouds]
 
 
 def test_what_was_said_of_a_map_lapses_with_it() -> None:

@@ -17,8 +17,9 @@ from somfusion_ros.slam.scan import Cloud, cloud
 from somfusion_ros.team.beam_code import decode_beams, encode_beams, MAX_BEAMS
 from somfusion_ros.team.compact import pack, pack_covariance, pack_scaled, STEP as POSE_STEP
 from somfusion_ros.team.compact import unpack
+from somfusion_ros.team.teller import tell, Teller
 from somfusion_ros.team.view_facts import (decode_constraint, decode_view, encode_constraint,
-                                           Facts, heard, tell, Teller, TUNING, ViewFact)
+                                           Facts, heard, TUNING, ViewFact)
 
 STEP = 0.02      # [m] of a range that is told
 

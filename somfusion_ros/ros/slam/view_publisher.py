@@ -9,7 +9,7 @@ from uuid import uuid4
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.slam import Slam
-from somfusion_ros.team.view_facts import Teller
+from somfusion_ros.team.teller import Teller
 from somfusion_ros.team.view_store import encode_batch
 from std_msgs.msg import UInt8MultiArray
 
