@@ -11,7 +11,6 @@ says nothing there: along a corridor it would wipe out the wall that it grazes.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import compress
 
 import cv2
 import numpy as np
@@ -45,7 +44,7 @@ MARGIN = 64   # cells added when the map grows
 
 class Mapper:
     """
-    Renders scans; only new ones while old poses stand still, all anew once they moved.
+    Renders scans: new ones, and where poses moved, what the moved ones see now and saw before.
 
     A scan that is not kept any more stays drawn until then, under what is drawn over it. One with
     which the map would be too large is left out, and counted in counters as `map_scans_too_far`.
@@ -60,24 +59,27 @@ class Mapper:
         self._cells = np.zeros((0, 0), np.float32)
         self._corner = np.zeros(2, np.intp)      # column, row of cell (0, 0) on the map's lattice
         self._rendered: dict[Outline, Array] = {}   # pose (3,) at which each was drawn
-        self._too_far = 0                        # of these, scans that did not fit
+        self._left_out: set[Outline] = set()        # of these, scans that do not fit
 
     def render(self, scans: Sequence[MapScan], views: Array) -> Grid:
         """Draw scans, by age, at their views' poses (n, 3); return the map in the map frame."""
         poses = dict(zip([scan.outline for scan in scans], place(scans, views), strict=True))
-        if self._moved(poses):
+        moved = self._moved(poses)
+        if 2 * len(moved) > len(self._rendered):
             self._clear()
+            moved = set()
+        self._rendered = {seen: at for seen, at in self._rendered.items() if seen in poses}
         new = [outline for outline in poses if outline not in self._rendered]
-        rims = [apply(poses[outline], outline.rim) for outline in new]
-        if new:
-            fits = self._grow(np.array([_bounds(rim) for rim in rims]))
-            new, rims = list(compress(new, fits)), list(compress(rims, fits))
-            self._too_far += len(fits) - len(new)
-            if self._too_far:
-                self._counters['map_scans_too_far'] = self._too_far
-        for seen, rim in zip(new, rims, strict=True):
-            self._draw(rim, *(apply(poses[seen], part) for part in (seen.hits, seen.walls)))
-        self._rendered = {seen: self._rendered.get(seen, pose) for seen, pose in poses.items()}
+        rims = {seen: apply(poses[seen], seen.rim) for seen in (*new, *moved)}
+        before, self._left_out = self._left_out, self._unfit(rims)
+        if moved:
+            self._redraw([(seen, self._rendered[seen]) for seen in moved - before],
+                         {seen: poses[seen] for seen in moved - self._left_out})
+        for seen in new:
+            if seen not in self._left_out:
+                self._draw(seen, poses[seen], rims[seen])
+        self._rendered = {seen: pose if seen in moved else self._rendered.get(seen, pose)
+                          for seen, pose in poses.items()}
         return self.grid()
 
     def grid(self) -> Grid:
@@ -87,14 +89,46 @@ class Mapper:
         x, y = self._corner * self.resolution
         return Grid(self._cells.copy(), self.resolution, Pose(x, y, 0.0))
 
-    def _moved(self, poses: dict[Outline, Array]) -> bool:
-        """Return whether a drawn scan now lies half a cell or a degree from where it was drawn."""
-        both = poses.keys() & self._rendered.keys()
+    def _moved(self, poses: dict[Outline, Array]) -> set[Outline]:
+        """
+        Return the drawn scans that lie half a cell or a degree from where they were drawn.
+
+        All of them, where most of what was drawn is another map's.
+        """
+        both = [seen for seen in self._rendered if seen in poses]
         if 2 * len(both) < len(self._rendered):
-            return True      # most of it is another map's
+            return set(self._rendered)
         d = np.array([poses[seen] - self._rendered[seen] for seen in both]).reshape(-1, 3)
-        return bool((np.abs(d[:, :2]) > 0.5 * self.resolution).any()
-                    or (np.abs(wrap(d[:, 2])) > 0.01).any())
+        moved = ((np.abs(d[:, :2]) > 0.5 * self.resolution).any(1)
+                 | (np.abs(wrap(d[:, 2])) > 0.01))
+        return {both[k] for k in np.flatnonzero(moved)}
+
+    def _unfit(self, rims: dict[Outline, Array]) -> set[Outline]:
+        """Make room for scans by their rims; return all with which the map would be too large."""
+        fits = self._grow(np.array([_bounds(rim) for rim in rims.values()])) if rims else []
+        left_out = (self._left_out - rims.keys()) | {
+            seen for seen, fit in zip(rims, fits, strict=True) if not fit}
+        if left_out:
+            self._counters['map_scans_too_far'] = len(left_out)
+        return left_out
+
+    def _redraw(self, before: Sequence[tuple[Outline, Array]], now: dict[Outline, Array]) -> None:
+        """Draw anew the rectangles that moved scans covered before, and cover now."""
+        dirty = np.zeros(self._cells.shape, bool)
+        for seen, pose in (*before, *now.items()):
+            dirty[self._window(apply(pose, seen.rim))] = True
+        self._cells[dirty] = 0.0
+        for seen, drawn_at in self._rendered.items():
+            if seen not in self._left_out:
+                pose = now.get(seen, drawn_at)
+                self._draw(seen, pose, apply(pose, seen.rim), dirty)
+
+    def _window(self, rim: Array) -> tuple[slice, slice]:
+        """Return rows and columns of the cells around a rim (M, 2) in the map [m]."""
+        corner = self._corner * self.resolution
+        x0, y0 = np.floor((rim.min(0) - corner) / self.resolution).astype(int)
+        x1, y1 = np.ceil((rim.max(0) - corner) / self.resolution).astype(int) + 1
+        return slice(y0, y1), slice(x0, x1)
 
     def _grow(self, bounds: Array) -> NDArray[np.bool_]:
         """
@@ -121,12 +155,29 @@ class Mapper:
         self._cells, self._corner = cells, low
         return fits[-len(bounds):]
 
-    def _draw(self, rim: Array, hits: Array, walls: Array) -> None:
-        """Add one scan's evidence; rim (M, 2), hits (N, 2), walls (2 L, 2) in the map [m]."""
+    def _draw(self, seen: Outline, pose: Array, rim: Array,
+              where: NDArray[np.bool_] | None = None) -> None:
+        """Add the evidence of a scan at a pose (3,), with its rim (M, 2) there; where: cells."""
+        window = self._window(rim)
+        mask = None if where is None else where[window]
+        if mask is not None and not mask.any():
+            return
+        before = self._cells[window]
+        after = before if mask is None else before.copy()
+        self._add(after, (window[1].start, window[0].start), rim,
+                  apply(pose, seen.hits), apply(pose, seen.walls))
+        if mask is not None:
+            before[mask] = after[mask]
+
+    def _add(self, window: Array, first: tuple[int, int], rim: Array, hits: Array,
+             walls: Array) -> None:
+        """
+        Add one scan's evidence to a window (H, W) of the map.
+
+        first: its first column and row; rim (M, 2), hits (N, 2), walls (2 L, 2) in the map [m].
+        """
+        x0, y0 = first
         corner = self._corner * self.resolution
-        x0, y0 = np.floor((rim.min(0) - corner) / self.resolution).astype(int)
-        x1, y1 = np.ceil((rim.max(0) - corner) / self.resolution).astype(int) + 1
-        window = self._cells[y0:y1, x0:x1]
 
         def vertices(points: Array) -> NDArray[np.int32]:
             cells = (points - corner) / self.resolution - 0.5 - (x0, y0)

@@ -3,8 +3,12 @@
 """Maps: walls and free space where they are, and new poses redraw them."""
 
 from collections import Counter
+from dataclasses import replace
+from unittest.mock import patch
 
 from helpers import fake_room, fake_scan
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.mapping import Mapper
@@ -73,6 +77,30 @@ def test_moved_views_move_their_walls():
     for k in range(2):
         a, b = (np.percentile(g.points(g.free)[:, k], [0.1, 99.9]) for g in (first, second))
         np.testing.assert_allclose(b, a + shift[k], atol=0.06)
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=5, deadline=None)
+def test_a_redraw_touches_what_moved_and_gives_the_map_drawn_anew(seed):
+    """Two rooms, 60 m apart; some of the views of one move."""
+    rng = np.random.default_rng(seed)
+    every = [replace(scan, view=scan.view + room * len(PLACES))
+             for room in range(2) for scan in scans(2)]
+    views = np.concatenate([PLACES, PLACES + (60.0, 0.0, 0.0)])
+    views += (0.012, 0.013, 0.0)      # no wall lies between two cells
+    moving = rng.choice(len(PLACES), 2, replace=False)
+    moved = views.copy()
+    moved[moving] += rng.normal(0.0, (0.3, 0.3, 0.1), (2, 3))
+    mapper = Mapper(0.05)
+    mapper.render(every, views)
+    with patch.object(Mapper, '_add', autospec=True, side_effect=Mapper._add) as add:
+        again = mapper.render(every, moved)
+    assert add.call_count <= len(every) // 2        # none of the other room
+    anew = Mapper(0.05).render(every, moved)
+    for name in ('occupied', 'free'):
+        a, b = ({tuple(cell) for cell in np.rint(grid.points(getattr(grid, name)) / 0.025)}
+                for grid in (again, anew))
+        assert a == b
 
 
 def test_an_empty_map_is_one_unknown_cell():
