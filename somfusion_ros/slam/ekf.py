@@ -14,11 +14,13 @@ covariance form is to forget their rows, and hang between their anchors from the
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 from somfusion_ros.geometry import (Array, between, between_jacobians, compose, compose_jacobians,
                                     difference, wrap)
+from somfusion_ros.slam import hanging
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.hanging import Hanging
 
 GROWTH = 64    # views of room that P grows by, at least
 ANCHORS = 4    # one of so many old views stays in P
@@ -35,7 +37,7 @@ class DelayedStateEkf:
         self._P = np.zeros((3 * GROWTH, 3 * GROWTH), order='F')
         self._slot = np.full(GROWTH, -1)       # place of each view in P, -1: marginalised
         self._free = list(range(GROWTH))[::-1]
-        self._hung = np.zeros((GROWTH, 2, 3))  # marginalised views seen from both anchors
+        self._hanging = Hanging(GROWTH)        # marginalised views
         self.parents = np.arange(-1, GROWTH)   # view that each view was added from
 
     @property
@@ -81,43 +83,21 @@ class DelayedStateEkf:
 
     def _marginalise(self, k: int) -> None:
         """Marginalise view k unless it is an anchor; do nothing where there is no such view."""
-        if k <= 0 or self._is_anchor(k):
-            return
-        self._free.append(int(self._slot[k]))
-        self._slot[k] = -1
-        self._hang(np.array([k]))
-
-    def _is_anchor(self, k: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether views k stay in P: every few, and both ends of every chain."""
-        k = np.asarray(k)
-        anchors: NDArray[np.bool_] = ((self.parents[k] != k - 1) | (self.parents[k + 1] != k)
-                                      | (k % self._anchors == 0))
-        return anchors
-
-    def _around(self, k: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the anchors (2, m) before and after marginalised views k (m,)."""
-        anchors = np.flatnonzero(self._is_anchor(np.arange(self.n)))
-        after = np.searchsorted(anchors, k)
-        return np.array([anchors[after - 1], anchors[after]])
-
-    def _hang(self, k: NDArray[np.intp]) -> None:
-        """Record the poses of marginalised views k (m,) relative to both their anchors."""
-        for end, anchor in enumerate(self._around(k)):
-            self._hung[k, end] = between(self._x[anchor], self._x[k])
+        ends = hanging.ends(k, self.parents, self._anchors) if k > 0 else None
+        if ends is not None:
+            self._free.append(int(self._slot[k]))
+            self._slot[k] = -1
+            self._hanging.hang(k, self._anchor(ends[0]), self._anchor(ends[1]), self._x)
 
     def _follow(self) -> None:
         """Move the marginalised views with their anchors."""
         k = np.flatnonzero(~self.kept)
         if len(k):
-            before, after = self._around(k)
-            a, b = (compose(self._x[anchor], self._hung[k, end])
-                    for end, anchor in enumerate((before, after)))
-            share = ((k - before) / (after - before))[:, None]
-            self._x[k] = compose(a, share * between(a, b))
+            self._hanging.follow(self._x, k)
 
     def _anchor(self, k: int) -> int:
         """Return view k, or the anchor before it where view k is not in P."""
-        return k if self._slot[k] >= 0 else int(self._around(np.array([k]))[0, 0])
+        return k if self._slot[k] >= 0 else self._hanging.anchor(k)
 
     def _anchored(self, constraint: Constraint) -> Constraint:
         """Carry a constraint over to the anchors of its views, which are taken to be rigid."""
@@ -146,8 +126,8 @@ class DelayedStateEkf:
         """Enlarge x and P before they are full."""
         if self.n == len(self._x):
             more = self.n + max(GROWTH, self.n // 8)
-            self._x, self._hung = (np.concatenate([a, np.zeros((more - self.n, *a.shape[1:]))])
-                                   for a in (self._x, self._hung))
+            self._x = np.concatenate([self._x, np.zeros((more - self.n, 3))])
+            self._hanging.make_room(more - self.n)
             self._slot = np.concatenate([self._slot, np.full(more - self.n, -1)])
             self.parents = np.concatenate([self.parents, np.arange(self.n, more)])
         if not self._free:
@@ -247,4 +227,4 @@ class DelayedStateEkf:
         for k in range(m, self.n):
             parent = self.parents[k]
             self._x[k] = compose(self._x[parent], between(old[parent], old[k]))
-        self._hang(np.flatnonzero(~self.kept))
+        self._hanging.renew(self._x, np.flatnonzero(~self.kept))

@@ -143,6 +143,25 @@ def test_marginalised_views_hang_between_their_anchors():
     assert anchored.update(late) < 0.05 and (np.diag(anchored.relative(41, 130)[1]) > 0).all()
 
 
+def test_views_added_where_the_place_was_known_hang_on_it():
+    """Hours after the first round: a view here and there, each from one of the first."""
+    rng, full, anchored = np.random.default_rng(9), DelayedStateEkf(1), DelayedStateEkf(4)
+    for k in range(400):
+        view = None if k < 81 else int(rng.integers(k - 1)) if k < 320 else k - 1
+        z = STEP + rng.multivariate_normal(np.zeros(3), Q)
+        for ekf in (full, anchored):
+            ekf.augment(z, Q, view)
+    assert anchored.kept.sum() < 81 / 3 + 80 / 3 + 64      # nothing of the 240 between
+    for i, j in ((4, 60), (20, 380), (8, 340)):
+        z = between(full.poses[i], full.poses[j]) + rng.normal(0.0, 0.01, 3)
+        for ekf in (full, anchored):
+            ekf.update(Constraint(i, j, z, Q))
+    d = anchored.poses - full.poses
+    assert np.hypot(*d[:81, :2].T).max() < 0.02
+    assert np.percentile(np.hypot(*d[81:, :2].T), 95) < 0.05
+    np.testing.assert_allclose(anchored.block(399, 399), full.block(399, 399), rtol=0.2)
+
+
 def test_a_filter_made_again_of_its_constraints_knows_as_much():
     rng, lived, constraints = np.random.default_rng(7), DelayedStateEkf(), []
     lived.augment(np.zeros(3), Q)

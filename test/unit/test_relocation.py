@@ -140,6 +140,19 @@ def test_a_robot_that_leaves_the_map_and_comes_back_is_never_lost(
     assert np.abs(place - slam.driven()[1]).max() < 0.001
 
 
+def test_a_robot_kidnapped_while_it_is_tracked_is_found(mapped: tuple[Checkpoint, Slam]) -> None:
+    grid = mapped[1].grid()
+    slam = Slam(checkpoint=grid_checkpoint(grid), start=Start(localization=True, anywhere=True,
+                                                              drawn=grid))
+    first = trial(FIRST[:4], 0.0, 9)
+    before = run(slam, first, np.zeros(3))
+    assert_found(slam, before)
+    steps = run(slam, trial(FIRST[5:], np.pi / 2, 10), between(T_FIRST, (*FIRST[5], np.pi / 2)),
+                later=before[-1][0].stamp + 1.0,
+                odometry_start=between(first.odometry[0], first.odometry[-1]))
+    assert_found(slam, steps, 2)
+
+
 def test_a_pose_by_hand_ends_the_search(mapped: tuple[Checkpoint, Slam]) -> None:
     slam = Slam(checkpoint=mapped[0], start=Start(anywhere=True, localization=True))
     drawn = trial(SECOND, -np.pi / 2, 7)

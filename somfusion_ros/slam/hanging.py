@@ -1,0 +1,76 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Marginalised views: where they hang between the anchors that stay in the filter."""
+
+import numpy as np
+from numpy.typing import NDArray
+from somfusion_ros.geometry import Array, between, compose
+
+SHORT = 3   # views of a chain so short that it hangs on the view that it was begun from
+
+
+def ends(k: int, parents: NDArray[np.intp], every: int) -> tuple[int, int] | None:
+    """
+    Return the views between which view k hangs once it is marginalised; None for an anchor.
+
+    Of a chain of views that follow one another both ends are anchors, and one of `every` views
+    between. A short chain was added where the place was known: both ends are the view that the
+    chain was begun from, which may hang itself.
+    """
+    if every == 1:
+        return None
+    begin = end = k
+    while begin > k - SHORT and parents[begin] == begin - 1:
+        begin -= 1
+    while end < k + SHORT and parents[end + 1] == end:
+        end += 1
+    short = end - begin < SHORT and parents[begin] != begin - 1 and parents[end + 1] != end
+    if begin > 0 and short:
+        return int(parents[begin]), int(parents[begin])
+    if _stays(k, parents, every):
+        return None
+    before, after = k - 1, k + 1
+    while not _stays(before, parents, every):
+        before -= 1
+    while not _stays(after, parents, every):
+        after += 1
+    return before, after
+
+
+def _stays(k: int, parents: NDArray[np.intp], every: int) -> bool:
+    """Return whether a view of a long chain is an anchor."""
+    return bool(parents[k] != k - 1 or parents[k + 1] != k or k % every == 0)
+
+
+class Hanging:
+    """The anchors (n, 2) of views, and their poses (n, 2, 3) seen from both; room for n views."""
+
+    def __init__(self, room: int) -> None:
+        self._anchors = np.full((room, 2), -1)
+        self._seen = np.zeros((room, 2, 3))
+
+    def make_room(self, more: int) -> None:
+        """Make room for more views."""
+        self._anchors = np.concatenate([self._anchors, np.full((more, 2), -1)])
+        self._seen = np.concatenate([self._seen, np.zeros((more, 2, 3))])
+
+    def hang(self, k: int, before: int, after: int, poses: Array) -> None:
+        """Hang view k between two anchors, as they lie at poses (n, 3)."""
+        self._anchors[k] = before, after
+        self.renew(poses, np.array([k]))
+
+    def anchor(self, k: int) -> int:
+        """Return the first anchor of a view that hangs."""
+        return int(self._anchors[k, 0])
+
+    def renew(self, poses: Array, k: NDArray[np.intp]) -> None:
+        """Let views k (m,) hang as they lie at poses (n, 3)."""
+        for end in range(2):
+            self._seen[k, end] = between(poses[self._anchors[k, end]], poses[k])
+
+    def follow(self, poses: Array, k: NDArray[np.intp]) -> None:
+        """Move views k (m,) of poses (n, 3) with their anchors."""
+        before, after = self._anchors[k].T
+        a, b = (compose(poses[self._anchors[k, end]], self._seen[k, end]) for end in range(2))
+        share = (k - before) / np.maximum(after - before, 1)
+        poses[k] = compose(a, share[:, None] * between(a, b))
