@@ -69,7 +69,7 @@ class Expected:
 @dataclass(frozen=True)
 class KnownPlace:
     """
-    A known place: the views that may explain a scan there, the likeliest first.
+    A place: the views that may explain a scan there, the likeliest first.
 
     loss: share of its points that they may explain less than the newest views do.
     """
@@ -79,9 +79,9 @@ class KnownPlace:
 
 
 def known(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConfig
-          ) -> KnownPlace | None:
+          ) -> KnownPlace:
     """
-    Return the place of a pose (3,); None where it is not known.
+    Return the place of a pose (3,); one without views where it is not known.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def known(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConf
     apart[~usable] = np.inf
     count = np.count_nonzero(apart < TUNING.near)
     if count < TUNING.enough:
-        return None
+        return KnownPlace((), 0.0)
     if count < TUNING.full:
         return KnownPlace((int(np.argmin(apart)),), TUNING.loss)
     views = np.argsort(apart)[:TUNING.tried]

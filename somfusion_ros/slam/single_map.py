@@ -150,7 +150,7 @@ class SingleMap:
         usable = np.ones(ekf.n, bool)
         usable[[self._at, *self._fresh]] = False
         place = places.known(self.pose()[0], ekf.poses, usable, self.config)
-        for view in place.views if place else ():
+        for view in place.views:
             found = places.explain(
                 places.Expected(view, *self._seen_from(view)), seen,
                 lambda k: self._local_map(k, self._members(k)),
