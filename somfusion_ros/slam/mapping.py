@@ -105,9 +105,10 @@ class Mapper:
 
     def _unfit(self, rims: dict[Outline, Array]) -> set[Outline]:
         """Make room for scans by their rims; return all with which the map would be too large."""
-        fits = self._grow(np.array([_bounds(rim) for rim in rims.values()])) if rims else []
-        left_out = (self._left_out - rims.keys()) | {
-            seen for seen, fit in zip(rims, fits, strict=True) if not fit}
+        left_out = self._left_out - rims.keys()
+        if rims:
+            fits = self._grow(np.array([_bounds(rim) for rim in rims.values()]))
+            left_out |= {seen for seen, fit in zip(rims, fits.tolist(), strict=True) if not fit}
         if left_out:
             self._counters['map_scans_too_far'] = len(left_out)
         return left_out
