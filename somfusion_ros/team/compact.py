@@ -79,9 +79,9 @@ def pack_covariance(R: Array) -> bytes:
     """Pack a covariance (3, 3): 12 bytes."""
     sigma = np.sqrt(np.diag(R))
     octaves = np.log2(np.maximum(sigma, TUNING.least) / TUNING.least)
-    sizes = np.clip(np.ceil(octaves * OCTAVE), 0, 65535).astype('<u2')
+    sizes = np.clip(np.ceil(octaves * OCTAVE - 1e-6), 0, 65535).astype('<u2')
     correlations = [R[i, j] / max(sigma[i] * sigma[j], 1e-300) for i, j in PAIRS]
-    parts = np.trunc(np.clip(correlations, -1.0, 1.0) * FULL).astype('<i2')
+    parts = np.rint(np.clip(correlations, -1.0, 1.0) * FULL).astype('<i2')
     return bytes(sizes.tobytes() + parts.tobytes())
 
 

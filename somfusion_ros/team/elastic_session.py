@@ -21,6 +21,7 @@ from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, told, Told
 from somfusion_ros.team.gliding import Glide
 from somfusion_ros.team.joint_drawing import JointDrawing
 from somfusion_ros.team.joint_problem import InterMatch
+from somfusion_ros.team.kept_views import encode_kept
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.view_set import ViewSet
@@ -89,11 +90,12 @@ class ElasticSession:
         """Return how many bytes a robot told of its path."""
         return self._stores[robot].bytes if robot in self._stores else 0
 
-    def forget(self, robot: str) -> None:
-        """Forget the bonds of a robot whose map is another one, or which left."""
-        self._own.pop(robot, None)
-        self._heard.pop(robot, None)
-        self._last_heard.pop(robot, None)
+    def kept(self, robot: str) -> bytes:
+        """Return all that a robot told, as those who come later get it; empty if nothing."""
+        store = self._stores.get(robot)
+        if store is None or not store.batches:
+            return b''
+        return encode_kept(store.batches, self._last_heard.get(robot, b''))
 
     def weigh(self, peer: str, verdict: Alignment, epochs: Epochs, confidence: float) -> Alignment:
         """
@@ -117,8 +119,8 @@ class ElasticSession:
         """Keep a bond that holds where this robot is the one that tells it."""
         self._own.pop(peer, None)
         if bond.holds and accepted and bond.target == self._name:
-            fresh = told(bond, (epochs[bond.target], epochs[bond.source]))
-            self._own[peer] = decode_bonds(encode_bonds([fresh]), self._name)[0]
+            self._own[peer] = told(bond, (epochs[bond.target], epochs[bond.source]))
+        self.take_bonds(self._name, self.own_bonds())     # as the peers will read it
 
     def _views_of(self, robots: tuple[str, ...], epochs: Epochs) -> dict[str, ViewSet]:
         """Return the views of those robots that told them of their present maps."""
@@ -139,7 +141,7 @@ class ElasticSession:
         map every robot has now; anchor: the robot whose map stays, at best, where it is.
         """
         views = self._views_of(tuple(sorted(world)), epochs)
-        bonds = [bond for bonds in ([*self._own.values()], *self._heard.values()) for bond in bonds
+        bonds = [bond for bonds in self._heard.values() for bond in bonds
                  if {bond.target, bond.source} <= views.keys()
                  and bond.epochs == (epochs[bond.target], epochs[bond.source])
                  and _known(bond.matches, views)]

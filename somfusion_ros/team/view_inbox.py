@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from somfusion_ros.team.channels import BONDS, VIEWS
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.heard import Heard
+from somfusion_ros.team.kept_views import decode_kept
 
 MOST_BATCHES = 4096      # of one robot's path that wait
 
@@ -30,6 +31,18 @@ class ViewInbox:
         """Keep the bonds that a robot tells now."""
         self._note(robot, BONDS, data)
         self._bonds[robot] = data
+
+    def keep_kept(self, robot: str, data: bytes) -> None:
+        """Keep what another robot handed on of one that is gone."""
+        try:
+            batches, bonds = decode_kept(data)
+        except ValueError as error:
+            self._count(f'{VIEWS}_of_{robot}_unusable', str(error))
+            return
+        for batch in batches:
+            self.keep_batch(robot, batch)
+        if bonds:
+            self.keep_bonds(robot, bonds)
 
     def drain(self) -> None:
         """Hand all that came on; what is unusable is counted under the robot's name."""

@@ -72,6 +72,7 @@ class ViewStore:
     def __init__(self) -> None:
         self.epoch: Epoch | None = None
         self.bytes = 0
+        self.batches: list[bytes] = []     # as they came, for those who come later
         self._telling = ''
         self._clear()
 
@@ -83,7 +84,7 @@ class ViewStore:
         self._scans: dict[bytes, DrawnScan] = {}
         self._taken_back: set[int] = set()
         self._views: ViewSet | None = None
-        self.bytes = 0
+        self.bytes, self.batches = 0, []
 
     def take(self, data: bytes) -> None:
         """Add a batch; ValueError, once its good facts are in, where one of them is unusable."""
@@ -91,13 +92,15 @@ class ViewStore:
         if (epoch, telling) != (self.epoch, self._telling):
             self._clear()
             self.epoch, self._telling = epoch, telling
-        wrong = ''
+        wrong, before = '', self.bytes
         for kind, fact in facts:
             try:
                 self._add(kind, fact)
             except ValueError as error:
                 wrong = str(error)
         self._views = None
+        if self.bytes > before:
+            self.batches.append(data)
         if wrong:
             raise ValueError(wrong)
 

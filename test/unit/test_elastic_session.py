@@ -18,6 +18,7 @@ from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.joint_map import draw_joint
 from somfusion_ros.team.teller import tell, Teller
 from somfusion_ros.team.view_facts import Facts
+from somfusion_ros.team.view_inbox import ViewInbox
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import encode_batch, ViewStore
 from test_elastic import bent_team
@@ -64,6 +65,8 @@ def test_views_turn_a_verdict_and_both_robots_bend_alike() -> None:
     assert two.weigh('robot1', verdict(world), EPOCHS, 0.8).accepted
     assert decode_bonds(two.own_bonds(), 'robot2') == []      # the first name tells the bond
     two.take_bonds('robot1', one.own_bonds())
+    for m, n in zip(one._heard['robot1'][0].matches, two._heard['robot1'][0].matches, strict=True):
+        assert np.array_equal(m.R, n.R)       # who tells a bond uses what the bytes say, too
     for session in (one, two):
         session.update(world, EPOCHS, 'robot1')
         assert session.solved == ['robot1', 'robot2']
@@ -183,6 +186,28 @@ def test_views_that_were_taken_back_show_nothing() -> None:
     late = ViewStore()      # a late joiner gets the views as they are now
     late.take(encode_batch(EPOCHS['robot1'], 't', tell(back)))
     assert [len(c.points) for c in late.views().clouds] == [len(c.points) for c in heard.clouds]
+
+
+def test_who_comes_later_gets_what_a_robot_that_is_gone_told() -> None:
+    """robot1 is gone; robot2 hands its views and bonds on, and a third one draws the same map."""
+    one, two, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    two.take_bonds('robot1', one.own_bonds())
+    third, unusable = ElasticSession('robot3', clock()), []
+    inbox = ViewInbox(third, {}, lambda kind, reason: unusable.append(reason), lambda: 0.0)
+    inbox.keep_kept('robot1', two.kept('robot1'))
+    for batch in batches(bent_team()[0]['robot2'], EPOCHS['robot2']):
+        inbox.keep_batch('robot2', batch)
+    inbox.drain()
+    for session in (two, third):
+        session.update(world, EPOCHS, 'robot1')
+        assert session.solved == ['robot1', 'robot2']
+    assert np.array_equal(two.draw().grid.evidence, third.draw().grid.evidence)
+    assert two.kept('robot9') == b''
+    for data in (b'', two.kept('robot1')[:-1], b'\xff' * 9):
+        inbox.keep_kept('robot1', data)
+    assert len(unusable) == 3
+    assert two.kept('robot1') == third.kept('robot1')
 
 
 def test_what_was_said_of_a_map_lapses_with_it() -> None:

@@ -21,7 +21,7 @@ from somfusion_ros.team.teller import tell, Teller
 from somfusion_ros.team.view_facts import (decode_constraint, decode_view, encode_constraint,
                                            Facts, heard, TUNING, ViewFact)
 
-STEP = 0.02      # [m] of a range that is told
+STEP = 0.015     # [m] of a range that is told
 
 
 def seen_from(pose: Array, twist: Array | None = None, sweep: float = 0.0, beams: int = 361

@@ -97,7 +97,8 @@ class FusionNode(ManagedNode):
         self._views = ViewLink(part, self._prefix, self._name, self._session, self._view_inbox,
                                self._count)
         self._link = TeamLink(part, self._prefix, receiver, self._count)
-        self._departed = DepartedLink(part, self._prefix, receiver)
+        self._departed = DepartedLink(part, self._prefix, receiver, self._session.elastic,
+                                      self._view_inbox)
         self._discovery = Discovery(part, self._prefix, config, self._link, receiver)
         InitialPose(part, self._frames, self._session, self._count)
         OwnMap(part, config, partial(receiver.on_map, self._name), self._count)
