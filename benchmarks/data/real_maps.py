@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from somfusion_ros.geometry import Array, between, fit, Pose
+from somfusion_ros.geometry import Array, between, compose, fit, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.maps import read_map
 from somfusion_ros.io.trajectories import read_tum
@@ -23,6 +23,15 @@ def load_pair(folder: Path, name: str) -> tuple[Grid, Grid]:
     return tuple(Grid.from_occupancy(pair[side], float(pair['resolution']),
                                      (*pair[f'{side}_origin'], 0.0))
                  for side in ('target', 'source'))
+
+
+def cropped(grid: Grid, margin: int = 10) -> Grid:
+    """Cut off what is unknown around a map, but for a margin [cells]."""
+    (top, bottom), (left, right) = (
+        np.clip(np.flatnonzero(grid.known.any(axis))[[0, -1]] + (-margin, margin + 1), 0, side)
+        for axis, side in ((1, grid.shape[0]), (0, grid.shape[1])))
+    corner = compose(grid.T_frame_grid, (left * grid.resolution, top * grid.resolution, 0.0))
+    return Grid(grid.evidence[top:bottom, left:right], grid.resolution, Pose.from_array(corner))
 
 
 class RealMaps:
@@ -41,7 +50,8 @@ class RealMaps:
             rows = list(csv.DictReader(file))
         self._true = [row for row in rows if row['kind'] == 'pos']
         self._false = [row for row in rows if row['kind'] != 'pos']
-        self._load = lru_cache(maxsize=8)(lambda name: load_pair(pairs, name))
+        self._load = lru_cache(maxsize=24)(lambda name: tuple(
+            cropped(grid) for grid in load_pair(pairs, name)))
         self._logs: dict[str, tuple[str, Grid]] = {}
         self.teams: list[tuple[set[str], Grid, Grid, Array, Array]] = []
         for folder in replays:

@@ -74,6 +74,8 @@ def write_pairs(folder: Path) -> None:
         for kind in (*TRUE_KINDS, *DIFFERENT_KINDS):
             for number in range(PAIRS_OF_A_KIND):
                 case = cases.make(kind, None, number)
+                if case is None:
+                    continue
                 T, truth = np.zeros(3), None
                 if case.truth is not None:
                     T = np.random.default_rng(number).uniform((-9, -9, -3.1), (9, 9, 3.1))

@@ -33,6 +33,7 @@ import cv2
 import numpy as np
 from somfusion_ros.fusion import verdict as verdicts
 from somfusion_ros.fusion.alignment import ALIGNMENT, may_be_image, verify_image
+from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.fusion.search import search
@@ -42,13 +43,14 @@ from somfusion_ros.geometry import Array, inverse
 
 WEIGHTS = ROOT / 'somfusion_ros' / 'fusion' / verdicts.WEIGHTS_FILE
 DIAGRAM = ROOT / 'doc' / 'verdict_reliability.png'
+REPORT_EVERY = 500
 IN_DOUBT = 0.05     # probability from which the mirror image is looked at
 
 
-def look(kind: str, number: int, case: cases.Case) -> Sample | None:
+def look(kind: str, number: int, case: cases.Case, cache: FusionCache) -> Sample | None:
     """Run the search and the verdict on a case; None where a map shows too little."""
     config = FusionConfig()
-    maps = learn(case.target, config), learn(case.source, config)
+    maps = learn(case.target, config, cache), learn(case.source, config, cache)
     if min(len(one.features) for one in maps) < ALIGNMENT.fewest_features or not all(
             len(one.free) for one in maps):
         return None
@@ -64,20 +66,32 @@ def look(kind: str, number: int, case: cases.Case) -> Sample | None:
                   found.evidence, verdict.margins)
 
 
-def collect(maps: RealMaps, share: float, kinds: list[str] | None) -> list[Sample]:
-    """Judge a share of the cases of every kind, or of some; all of the real ones."""
-    samples = []
-    for kind, (_, count) in cases.KINDS.items():
-        if kinds and kind not in kinds:
+def queue(share: float, wanted: list[str] | None) -> list[tuple[str, int]]:
+    """List kinds and numbers of cases: the real ones, then a share of each kind in turns."""
+    turns = []
+    for kind, (_, count) in cases.kinds().items():
+        if wanted and kind not in wanted:
             continue
-        whole = kind in cases.REAL
-        wanted = np.linspace(0, count - 1, count if whole else max(1, round(count * share)))
-        for number in np.unique(wanted.astype(int)):
-            case = cases.make(kind, maps, int(number))
-            sample = look(kind, int(number), case) if case else None
-            if sample:
-                samples.append(sample)
-        print(f'{kind}: {len(samples)} cases so far', file=sys.stderr, flush=True)
+        real = kind in cases.REAL
+        count = count if real else max(1, round(count * share))
+        turns += [(-1.0 if real else (k + 0.5) / count, kind, k) for k in range(count)]
+    return [(kind, number) for _, kind, number in sorted(turns)]
+
+
+def collect(maps: RealMaps, share: float, kinds: list[str] | None,
+            table: Path | None) -> list[Sample]:
+    """Judge cases in turns of their kinds, and write what is known so far to a table."""
+    samples, cache = list[Sample](), FusionCache()
+    wanted = queue(share, kinds)
+    for k, (kind, number) in enumerate(wanted):
+        case = cases.make(kind, maps, number)
+        sample = look(kind, number, case, cache) if case else None
+        if sample:
+            samples.append(sample)
+        if (k + 1) % REPORT_EVERY == 0 or k + 1 == len(wanted):
+            print(f'{k + 1} of {len(wanted)} cases', file=sys.stderr, flush=True)
+            if table:
+                write_samples(table, samples)
     return samples
 
 
@@ -133,7 +147,7 @@ def main() -> None:
     parser.add_argument('data', type=Path, nargs='?')
     parser.add_argument('--replays', type=Path, nargs='*', default=[],
                         help='folders that somfusion replay wrote')
-    parser.add_argument('--share', type=float, default=1.0, help='share of the drawn cases')
+    parser.add_argument('--share', type=float, default=1.0, help='share of the cases that are made')
     parser.add_argument('--kinds', nargs='*', help='only these')
     parser.add_argument('--refit', action='store_true', help='read the cases from the table')
     parser.add_argument('--write', action='store_true')
@@ -145,9 +159,8 @@ def main() -> None:
         old = json.loads(WEIGHTS.read_text(encoding='utf-8'))
         report(read_samples(TABLE), old['data'], old['command'], args.write)
         return
-    samples = collect(RealMaps(args.data / 'pairs', args.replays), args.share, args.kinds)
-    if args.write:
-        write_samples(TABLE, samples)
+    samples = collect(RealMaps(args.data / 'pairs', args.replays), args.share, args.kinds,
+                      TABLE if args.write else None)
     report(samples, digest(args.data), 'make calibrate', args.write)
 
 

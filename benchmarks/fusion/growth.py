@@ -21,7 +21,7 @@ import sys
 from tempfile import TemporaryDirectory
 import time
 
-from benchmarks.data import worlds
+from benchmarks.data import drawings, worlds
 from benchmarks.data.folders import ROOT
 from benchmarks.memory import peak_megabytes
 from benchmarks.tables import Table
@@ -38,17 +38,17 @@ ROBOTS = (2, 4, 8, 16)
 
 def campus(rng: np.random.Generator, side: int) -> Grid:
     """Draw a building of 40 m in every 100 m, or a smaller one, on `side` x `side` cells."""
-    evidence, width = np.zeros((side, side), np.float32), min(40.0, side * worlds.CELL - 2.1)
+    evidence, width = np.zeros((side, side), np.float32), min(40.0, side * drawings.CELL - 2.1)
     for row, column in np.ndindex(2 * (-(-side // 2000),)):
-        house = worlds.building(rng, width, width).evidence
+        house = drawings.building(rng, width, width).evidence
         part = evidence[2000 * row:, 2000 * column:][:house.shape[0], :house.shape[1]]
         part[:] = house[:part.shape[0], :part.shape[1]]
-    return Grid(evidence, worlds.CELL)
+    return Grid(evidence, drawings.CELL)
 
 
 def two_maps(side: int) -> tuple[np.ndarray, np.ndarray]:
     """Two thirds each of one campus, as maps of `side` x `side` cells int8, one turned."""
-    grid, width = campus(np.random.default_rng(side), side), side * worlds.CELL
+    grid, width = campus(np.random.default_rng(side), side), side * drawings.CELL
     left, right = worlds.cut(grid, 0.0, 0.66 * width), worlds.cut(grid, 0.34 * width, width)
     return left.to_occupancy(), np.rot90(right.to_occupancy()).copy()
 
@@ -56,7 +56,7 @@ def two_maps(side: int) -> tuple[np.ndarray, np.ndarray]:
 def match(file: Path) -> None:
     """Print the seconds of learning and matching a saved pair, peak MB and the verdict."""
     with np.load(file) as pair:
-        grids = [Grid.from_occupancy(pair[name], worlds.CELL) for name in ('left', 'right')]
+        grids = [Grid.from_occupancy(pair[name], drawings.CELL) for name in ('left', 'right')]
     seconds = []
     for copies in range(3 if max(grids[0].shape) < 3000 else 1):
         fresh = [Grid(grid.evidence, grid.resolution, (0.001 * copies, 0.0, 0.0))
@@ -95,7 +95,7 @@ def robots_table(counts: Sequence[int] = ROBOTS) -> Table:
                              'all pairs matched once [ms]'), (None, 0, 0, 0, 0))
     for count in counts:
         rng, cache = np.random.default_rng(count), FusionCache()
-        grid = worlds.building(rng, 50.0, 40.0)
+        grid = drawings.building(rng, 50.0, 40.0)
         starts = rng.uniform(0.0, 30.0, count)
         grids = [worlds.turned(worlds.worn(worlds.cut(grid, x, x + 22.0), rng), rng)
                  for x in starts]

@@ -40,8 +40,9 @@ class MeasureSettings:
         0.1, 'share', 'that short pieces count where they contradict along the weakest direction',
         'doc/fusion.md: pairs_floors')
     clear: float = tuned(
-        0.5, 'm', 'known free space all around, in which a straight wall is a contradiction: more '
-        'than a bend leaves between two true maps', 'doc/fusion.md: pairs_mesh')
+        0.7, 'm', 'known free space all around, in which a straight wall is a contradiction: more '
+        'than a bend leaves between two true maps; of 0.5 to 0.9 m this tells years from storeys '
+        'best', 'doc/fusion.md: pairs_floors')
     drift: float = tuned(
         0.1, 'm/m', 'more of it for every metre from the walls that hold the maps together: six '
         'degrees of turn; with half of it years are nearer to storeys', 'doc/fusion.md')

@@ -20,6 +20,15 @@ class SearchSettings:
     peaks: int = tuned(
         4, 'peaks', "of the histograms' correlation are followed; the right one is among them in "
         'every shared pair', 'benchmarks/fusion/stages.py')
+    weak: float = tuned(
+        4.0, 'root m', 'score of the best pose below which the search is repeated, wider: true '
+        'pairs of the shared ones reach 4.9', 'benchmarks/fusion/calibration.py: worn, years')
+    wide_peaks: int = tuned(
+        8, 'peaks', 'are followed then: in a large hall full of furniture the walls are not the '
+        'most frequent direction', 'benchmarks/fusion/calibration.py: years')
+    wide_seeds: int = tuned(
+        168, 'seeds', 'are tried then, over all turns: bounds the time',
+        'benchmarks/fusion/calibration.py: bent')
     candidates: int = tuned(
         40, 'poses', 'distinct, of which the wall cells choose the finalists',
         'benchmarks/fusion/stages.py')
@@ -41,15 +50,12 @@ def search(target: LearnedMap, source: LearnedMap, config: FusionConfig,
            stopwatch: Stopwatch) -> tuple[Array, Array]:
     """Propose distinct poses (B, 3) of the source, with J of every step, (steps, B)."""
     correlation = orientation.correlate(target.histogram, source.histogram)
-    turns = orientation.tune(orientation.peaks(correlation, SEARCH.peaks), target.spectrum,
-                             source.spectrum)
-    stopwatch.lap('orientation')
     votes = voting.VoteGrid(target.features, source.features, config.vote_cell, SEARCH.vote_cells)
-    poses = np.concatenate([votes.seeds(turn, config.seeds).reshape(-1, 3)
-                            for turn in orientation.families(turns)])
+    stopwatch.lap('orientation')
+    poses, score = _propose(correlation, votes, target, source, SEARCH.peaks, config.seeds)
+    if score.max(initial=0.0) < SEARCH.weak:
+        poses, score = _propose(correlation, votes, target, source, SEARCH.wide_peaks, None)
     stopwatch.lap('seeds')
-    poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
-    score = scoring.scores(poses, target, source, every=2)
     poses = scoring.distinct(poses, score, source.pivot, SEARCH.candidates)
     matched, against = scoring.fine(poses, target, source)
     rank = np.argsort(-matched ** 1.5 / (matched + against + 1.0), kind='stable')
@@ -57,6 +63,19 @@ def search(target: LearnedMap, source: LearnedMap, config: FusionConfig,
     poses, J = settle_last(poses, target, source, sketch=False)
     stopwatch.lap('translation')
     return poses, J
+
+
+def _propose(correlation: Array, votes: voting.VoteGrid, target: LearnedMap, source: LearnedMap,
+             peaks: int, seeds: int | None) -> tuple[Array, Array]:
+    """Settle as many seeds of every turn, or all that are allowed: poses (B, 3), scores (B,)."""
+    turns = orientation.tune(orientation.peaks(correlation, peaks), target.spectrum,
+                             source.spectrum)
+    families = orientation.families(turns)
+    if seeds is None:
+        seeds = max(1, SEARCH.wide_seeds // (voting.QUARTERS * len(families)))
+    poses = np.concatenate([votes.seeds(turn, seeds).reshape(-1, 3) for turn in families])
+    poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
+    return poses, scoring.scores(poses, target, source, every=2)
 
 
 def settle_last(poses: Array, target: LearnedMap, source: LearnedMap,
