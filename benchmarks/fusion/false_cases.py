@@ -11,7 +11,7 @@ import numpy as np
 from somfusion_ros.grid import Grid
 
 POOL, OF_A_POOL = 24, 200     # maps that are matched with one another, and pairs of them
-RENOVATED = 0.036   # m/m2 of wall that differs at least in another storey; in years a third
+RENOVATED = 0.07    # m/m2 of wall that differs at least in another storey, as in real ones
 
 
 @kind(60)
@@ -143,8 +143,8 @@ def storeys(maps: RealMaps, rng: Random, number: int) -> Case | None:
     bare = [drawings.building(rng, width, height, np.random.default_rng(plan), planned)
             for _ in range(2)]
     new, both = renovations.changed(*bare)
-    if new < 2.0 + RENOVATED * both:
-        return None     # one storey, renovated
+    if new < 2.0 * (2.0 + RENOVATED * both):
+        return None     # one storey, renovated: a wall between two rooms counts twice
     target, source = (worlds.worn(worlds.furnished(one, rng, int(rng.integers(6))), rng)
                       for one in bare)
     return Case({f'storey {number % 5}'}, target, worlds.turned(source, rng))
@@ -159,7 +159,7 @@ def real_storeys(maps: RealMaps, rng: Random, number: int) -> Case | None:
         return None
     bare = renovations.emptied(grid, rng, 2.5, rng.uniform(0.8, 1.0))
     other = renovations.extended(bare, rng, int(area / rng.uniform(15.0, 60.0)))
-    least, new, both = rng.uniform(RENOVATED, 4.0 * RENOVATED), 0.0, area
+    least, new, both = rng.uniform(RENOVATED, 3.0 * RENOVATED), 0.0, area
     for _ in range(8):
         other = renovations.partitioned(other, rng, int(area / 40.0) + 1, 12.0)
         new, both = renovations.changed(bare, other)

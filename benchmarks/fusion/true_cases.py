@@ -9,7 +9,7 @@ import numpy as np
 from somfusion_ros.geometry import apply, Array
 from somfusion_ros.grid import Grid
 
-RENOVATED = 0.012    # m/m2 of wall that is put in or taken out in years, at most; in storeys thrice
+RENOVATED = 0.02    # m/m2 of wall that is put in or taken out in years, at most
 
 
 @kind(80)
