@@ -4,7 +4,7 @@
 Who is accepted, at which probability, and how well calibrated that probability is.
 
 usage: python -m benchmarks.fusion.calibration DATA [--replays DIR ...] [--share S]
-           [--kinds NAME ...] [--write]
+           [--kinds NAME ...] [--resume] [--write]
        python -m benchmarks.fusion.calibration --refit [--write]
 
 DATA holds the folders pairs, pairs_mesh and pairs_floors. Judges true pairs of maps and pairs of
@@ -12,7 +12,8 @@ different places of every kind that cases.py makes of them, of maps that `somfus
 and of drawn maps; learns the weights of the verdict anew; judges each case by weights learned
 without its places; and prints, per kind and per threshold, how many are accepted. With --write
 the table of measures of all cases, the weights that the package uses, with what they reach, and
-the reliability diagram of doc/fusion.md are written anew; --refit does so from the table alone.
+the reliability diagram of doc/fusion.md are written anew, the table as it grows; --resume keeps
+the cases that it has, and --refit judges no more than those.
 """
 
 import argparse
@@ -78,11 +79,12 @@ def queue(share: float, wanted: list[str] | None) -> list[tuple[str, int]]:
     return [(kind, number) for _, kind, number in sorted(turns)]
 
 
-def collect(maps: RealMaps, share: float, kinds: list[str] | None,
+def collect(maps: RealMaps, wanted: list[tuple[str, int]], known: list[Sample],
             table: Path | None) -> list[Sample]:
-    """Judge cases in turns of their kinds, and write what is known so far to a table."""
-    samples, cache = list[Sample](), FusionCache()
-    wanted = queue(share, kinds)
+    """Judge the cases that are not known, and write what is known so far to a table."""
+    samples, cache = list(known), FusionCache()
+    known_cases = {(sample.kind, sample.number) for sample in known}
+    wanted = [case for case in wanted if case not in known_cases]
     for k, (kind, number) in enumerate(wanted):
         case = cases.make(kind, maps, number)
         sample = look(kind, number, case, cache) if case else None
@@ -149,6 +151,7 @@ def main() -> None:
                         help='folders that somfusion replay wrote')
     parser.add_argument('--share', type=float, default=1.0, help='share of the cases that are made')
     parser.add_argument('--kinds', nargs='*', help='only these')
+    parser.add_argument('--resume', action='store_true', help='keep the cases of the table')
     parser.add_argument('--refit', action='store_true', help='read the cases from the table')
     parser.add_argument('--write', action='store_true')
     args = parser.parse_args()
@@ -159,8 +162,8 @@ def main() -> None:
         old = json.loads(WEIGHTS.read_text(encoding='utf-8'))
         report(read_samples(TABLE), old['data'], old['command'], args.write)
         return
-    samples = collect(RealMaps(args.data / 'pairs', args.replays), args.share, args.kinds,
-                      TABLE if args.write else None)
+    samples = collect(RealMaps(args.data / 'pairs', args.replays), queue(args.share, args.kinds),
+                      read_samples(TABLE) if args.resume else [], TABLE if args.write else None)
     report(samples, digest(args.data), 'make calibrate', args.write)
 
 

@@ -27,7 +27,7 @@ class SearchSettings:
         8, 'peaks', 'are followed then: in a large hall full of furniture the walls are not the '
         'most frequent direction', 'benchmarks/fusion/calibration.py: years')
     wide_seeds: int = tuned(
-        168, 'seeds', 'are tried then, over all turns: bounds the time',
+        168, 'seeds', 'or at least as many as at first are tried then, over all turns',
         'benchmarks/fusion/calibration.py: bent')
     candidates: int = tuned(
         40, 'poses', 'distinct, of which the wall cells choose the finalists',
@@ -50,11 +50,16 @@ def search(target: LearnedMap, source: LearnedMap, config: FusionConfig,
            stopwatch: Stopwatch) -> tuple[Array, Array]:
     """Propose distinct poses (B, 3) of the source, with J of every step, (steps, B)."""
     correlation = orientation.correlate(target.histogram, source.histogram)
-    votes = voting.VoteGrid(target.features, source.features, config.vote_cell, SEARCH.vote_cells)
+    turns = _turns(correlation, target, source, SEARCH.peaks)
     stopwatch.lap('orientation')
-    poses, score = _propose(correlation, votes, target, source, SEARCH.peaks, config.seeds)
+    votes = voting.VoteGrid(target.features, source.features, config.vote_cell, SEARCH.vote_cells)
+    poses, score = _settled([votes.seeds(turn, config.seeds) for turn in turns], target, source)
     if score.max(initial=0.0) < SEARCH.weak:
-        poses, score = _propose(correlation, votes, target, source, SEARCH.wide_peaks, None)
+        wide = _turns(correlation, target, source, SEARCH.wide_peaks)     # begins with `turns`
+        count = max(config.seeds, SEARCH.wide_seeds // (voting.QUARTERS * len(wide)))
+        more = _settled([votes.seeds(turn, count)[:, config.seeds if k < len(turns) else 0:]
+                         for k, turn in enumerate(wide)], target, source)
+        poses, score = (np.concatenate(both) for both in zip((poses, score), more, strict=True))
     stopwatch.lap('seeds')
     poses = scoring.distinct(poses, score, source.pivot, SEARCH.candidates)
     matched, against = scoring.fine(poses, target, source)
@@ -65,16 +70,16 @@ def search(target: LearnedMap, source: LearnedMap, config: FusionConfig,
     return poses, J
 
 
-def _propose(correlation: Array, votes: voting.VoteGrid, target: LearnedMap, source: LearnedMap,
-             peaks: int, seeds: int | None) -> tuple[Array, Array]:
-    """Settle as many seeds of every turn, or all that are allowed: poses (B, 3), scores (B,)."""
-    turns = orientation.tune(orientation.peaks(correlation, peaks), target.spectrum,
-                             source.spectrum)
-    families = orientation.families(turns)
-    if seeds is None:
-        seeds = max(1, SEARCH.wide_seeds // (voting.QUARTERS * len(families)))
-    poses = np.concatenate([votes.seeds(turn, seeds).reshape(-1, 3) for turn in families])
-    poses, _ = translation.settle(poses, source.sketch, target.features, target.nearest)
+def _turns(correlation: Array, target: LearnedMap, source: LearnedMap, peaks: int) -> Array:
+    """List the orientations (N,) modulo a quarter turn [rad], best first."""
+    return orientation.families(orientation.tune(
+        orientation.peaks(correlation, peaks), target.spectrum, source.spectrum))
+
+
+def _settled(seeds: list[Array], target: LearnedMap, source: LearnedMap) -> tuple[Array, Array]:
+    """Settle seeds (4, n, 3) of every turn with a sketch: poses (B, 3), and their scores (B,)."""
+    start = np.concatenate([some.reshape(-1, 3) for some in seeds])
+    poses, _ = translation.settle(start, source.sketch, target.features, target.nearest)
     return poses, scoring.scores(poses, target, source, every=2)
 
 
