@@ -109,6 +109,7 @@ def calibration(source: Source) -> Iterator[Table]:
     samples = samples[::20] if source.quick else samples
     yield study.thresholds_table(samples, chances)
     yield study.kinds_table(samples, *chances.values())
+    yield study.calibration_table(samples, chances)
 
 
 @PARTS.add

@@ -28,8 +28,8 @@ from benchmarks.data.real_maps import RealMaps
 from benchmarks.fusion import cases
 from benchmarks.fusion.verdict_fit import (fit, left_out, log_odds, read_samples, Sample, TABLE,
                                            write_samples)
-from benchmarks.fusion.verdict_tables import (calibration_errors, draw_reliability, kinds_table,
-                                              thresholds_table)
+from benchmarks.fusion.verdict_tables import (calibration_errors, calibration_table,
+                                              draw_reliability, kinds_table, thresholds_table)
 import cv2
 import numpy as np
 from somfusion_ros.fusion import verdict as verdicts
@@ -123,7 +123,8 @@ def report(samples: list[Sample], data: str, command: str, write: bool) -> None:
     """Learn the weights, print what they reach, and write all that if asked."""
     weights, chances = judged(samples)
     kinds, thresholds = kinds_table(samples, *chances.values()), thresholds_table(samples, chances)
-    print(kinds.markdown(), thresholds.markdown(), sep='\n\n')
+    calibrated = calibration_table(samples, chances)
+    print(thresholds.markdown(), kinds.markdown(), calibrated.markdown(), sep='\n\n')
     enough = FusionConfig().estimation_confidence
     for sample, chance in zip(samples, chances['places left out in turn'], strict=True):
         if chance >= enough and not sample.right:
@@ -149,7 +150,7 @@ def main() -> None:
     parser.add_argument('data', type=Path, nargs='?')
     parser.add_argument('--replays', type=Path, nargs='*', default=[],
                         help='folders that somfusion replay wrote')
-    parser.add_argument('--share', type=float, default=1.0, help='share of the cases that are made')
+    parser.add_argument('--share', type=float, default=1.0, help='share of all cases')
     parser.add_argument('--kinds', nargs='*', help='only these')
     parser.add_argument('--resume', action='store_true', help='keep the cases of the table')
     parser.add_argument('--refit', action='store_true', help='read the cases from the table')

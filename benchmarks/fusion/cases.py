@@ -18,7 +18,7 @@ from somfusion_ros.grid import Grid
 
 Random = np.random.Generator
 MAKERS = 'benchmarks.fusion.true_cases', 'benchmarks.fusion.false_cases'
-REAL = ('true', 'team', 'different', 'mesh', 'floors')     # taken as they are, always all, and first
+REAL = ('true', 'team', 'different', 'mesh', 'floors')     # taken as they are, all, and first
 NEAR = (0.5, np.radians(5.0))     # right within these [m, rad]
 
 

@@ -119,8 +119,8 @@ def offices(maps: RealMaps, rng: Random, number: int) -> Case:
     layouts = rng.integers(10 ** 6, size=2)
     if rng.random() < 0.6:
         layouts[1] = layouts[0]
-    target, source = (worlds.worn(drawings.office(rng, np.random.default_rng(layout),
-                                                int(rng.integers(4, 10)))[0], rng)
+    target, source = (worlds.worn(drawings.office(
+        rng, np.random.default_rng(layout), int(rng.integers(4, 10)))[0], rng)
                       for layout in layouts)
     return Case({f'office {number % 5}'}, target, worlds.turned(source, rng))
 
@@ -129,8 +129,8 @@ def offices(maps: RealMaps, rng: Random, number: int) -> Case:
 def buildings(maps: RealMaps, rng: Random, number: int) -> Case:
     """Draw two buildings of different rooms."""
     widths = rng.uniform(5.0, 25.0, 2)
-    target, source = (worlds.worn(drawings.building(rng, width, width * rng.uniform(0.5, 0.9)), rng)
-                      for width in widths)
+    target, source = (worlds.worn(drawings.building(
+        rng, width, width * rng.uniform(0.5, 0.9)), rng) for width in widths)
     return Case({f'building {number % 5}'}, target, worlds.turned(source, rng))
 
 
@@ -203,5 +203,3 @@ def wings(maps: RealMaps, rng: Random, number: int) -> Case | None:
         return Case({place}, target, worlds.turned(source, rng))
     there, source = maps.mesh_map(rng) if rng.random() < 0.3 else maps.any_map(rng)
     return Case({place, there}, grid, worlds.turned(source, rng))
-
-

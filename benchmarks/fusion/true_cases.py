@@ -75,7 +75,8 @@ def parts(maps: RealMaps, rng: Random, number: int) -> Case | None:
 def corridor(maps: RealMaps, rng: Random, number: int) -> Case:
     """Two robots see a corridor's two ends and the middle."""
     width, length = rng.uniform(1.5, 3.0), rng.uniform(10.0, 80.0)
-    grid, unseen = drawings.corridor(rng, width, length, number % 3), rng.uniform(0.1, 0.35) * length
+    grid = drawings.corridor(rng, width, length, number % 3)
+    unseen = rng.uniform(0.1, 0.35) * length
     target = worlds.worn(worlds.cut(grid, 0.0, 1.0 + length - unseen), rng)
     source = worlds.cut(grid, 1.0 + unseen, 2.0 + length)
     truth, spot = np.zeros(3), np.array([1.0 + length / 2.0, 6.0 + width / 2.0])

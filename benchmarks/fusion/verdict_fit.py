@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The weights of the verdict, learned from the measures of many cases."""
 
+from collections import Counter
 import csv
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,10 +19,7 @@ from somfusion_ros.geometry import Array
 
 TERMS = [(test, name) for test, names in verdicts.TESTS.items() for name in names]
 MEASURES = list(dict.fromkeys(name for _, name in TERMS if name != 'constant'))
-SEVERE = 4.0     # a false accept counts as so many refusals
-# Real pairs of which there are few count for more: two robots, mesh maps, years and storeys. Drawn
-# storeys, of which some differ in one wall of ten, count for less.
-CARE = {'team': 60.0, 'mesh': 8.0, 'floors': 32.0, 'real_storeys': 1.0 / 6.0, 'storeys': 1.0 / 3.0}
+SEVERE = 2.0     # a false accept counts as so many refusals
 LEAST = {'ratio': 1.0}     # of a weight: half of all wall against is too much, whatever the rest
 SEEN = ('matched', 'against', 'fine', 'fine_against', 'overlap', 'weak', 'weak_against', 'V',
         'solid', 'solid_against', 'common', 'strain', 'scale')
@@ -66,13 +64,23 @@ def log_odds(weights: Weights, samples: list[Sample]) -> Array:
     return np.where(mirrored, np.minimum(chance, least), chance)
 
 
+def cares(samples: list[Sample]) -> Array:
+    """
+    Return how much each sample (N,) counts: all kinds alike, however many there are of each.
+
+    Else the real years, storeys and teams, of which there are few, would not be heard.
+    """
+    counts = Counter((sample.kind, sample.true) for sample in samples)
+    return np.array([(1.0 if sample.right else SEVERE) * len(samples)
+                     / (len(counts) * counts[sample.kind, sample.true]) for sample in samples])
+
+
 def fit(samples: list[Sample], starts: int = 3) -> Weights:
     """Find the weights of largest likelihood; only constants may be negative."""
     # What the mirror image decides needs no weights.
     samples = [sample for sample in samples if sample.image < verdicts.VERDICT.image]
     x, right = _columns(samples), np.array([sample.right for sample in samples])
-    care = np.array([CARE.get(sample.kind, 1.0) * (1.0 if sample.right else SEVERE)
-                     for sample in samples])
+    care = cares(samples)
     constant = np.array([name == 'constant' for _, name in TERMS])
 
     def loss(flat: Array) -> tuple[float, Array]:

@@ -14,6 +14,16 @@ from somfusion_ros.geometry import Array
 
 THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 BINS = 10
+# Kinds whose true and false pairs look alike: only together can a probability be right or wrong.
+FAMILIES = {
+    'laser': ('true', 'different', 'team', 'furnished', 'worn', 'redrawn', 'drawn_otherwise',
+              'bent', 'parts', 'gap', 'wings', 'crossed', 'mirrored'),
+    'mesh': ('mesh', 'mesh_like', 'mesh_false'),
+    'years and storeys': ('floors', 'years', 'storeys', 'real_storeys'),
+    'corridors': ('corridor', 'corridors', 'corridor_in_map'),
+    'offices': ('office', 'offices'),
+    'buildings': ('building', 'buildings'),
+}
 
 
 def kinds_table(samples: list[Sample], known: Array, out: Array) -> Table:
@@ -23,12 +33,11 @@ def kinds_table(samples: list[Sample], known: Array, out: Array) -> Table:
     known, out: probabilities (N,) by weights of all cases, and of the cases of other places.
     """
     enough = FusionConfig().estimation_confidence
-    right, errors = np.array([s.right for s in samples]), calibration_errors(samples, out)
+    right = np.array([s.right for s in samples])
     table = Table('kinds', (
         'kind', 'cases', 'best pose right', f'right and accepted at {enough:.2f}',
         'wrong and accepted', 'right and accepted, place left out',
-        'wrong and accepted, place left out', 'calibration error, place left out'),
-        (None, 0, 3, 3, 0, 3, 0, 3))
+        'wrong and accepted, place left out'), (None, 0, 3, 3, 0, 3, 0))
     for kind, true in dict.fromkeys((s.kind, s.true) for s in samples):
         here = np.array([s.kind == kind and s.true == true for s in samples])
         mixed = not true and any(s.true for s in samples if s.kind == kind)
@@ -38,7 +47,7 @@ def kinds_table(samples: list[Sample], known: Array, out: Array) -> Table:
             rates += [float((right[here] & accepted).mean()),
                       int((~right[here] & accepted).sum())]
         table.add(f'{kind}, different places' if mixed else kind, int(here.sum()),
-                  float(right[here].mean()), *rates, errors[kind])
+                  float(right[here].mean()), *rates)
     return table
 
 
@@ -63,12 +72,25 @@ def calibration_error(chance: Array, right: Array) -> float:
 
 
 def calibration_errors(samples: list[Sample], chance: Array) -> dict[str, float]:
-    """Calibration error over all cases and within each kind."""
+    """Calibration error over all cases and within each family of kinds."""
     right = np.array([s.right for s in samples])
     kinds = np.array([s.kind for s in samples])
-    return {'all': round(calibration_error(chance, right), 3)} | {
-        str(kind): round(calibration_error(chance[kinds == kind], right[kinds == kind]), 3)
-        for kind in dict.fromkeys(kinds)}
+    found = {'all': calibration_error(chance, right)}
+    for family, members in FAMILIES.items():
+        here = np.isin(kinds, members)
+        if here.any():
+            found[family] = calibration_error(chance[here], right[here])
+    return {name: round(error, 3) for name, error in found.items()}
+
+
+def calibration_table(samples: list[Sample], chances: Mapping[str, Array]) -> Table:
+    """Return the calibration error of each family of kinds, by probabilities (N,) of a name."""
+    errors = {name: calibration_errors(samples, chance) for name, chance in chances.items()}
+    table = Table('calibration', ('kinds', *(f'calibration error, {name}' for name in errors)),
+                  (None, *(3 for _ in errors)))
+    for family in next(iter(errors.values())):
+        table.add(family, *(found[family] for found in errors.values()))
+    return table
 
 
 def draw_reliability(path: Path, tables: Mapping[str, Array], right: Array) -> None:

@@ -4,14 +4,13 @@
 The verdict: a calibrated probability, accepted, refused or ambiguous, and a reason in words.
 
 A hypothesis must pass three tests, and is as probable as its worst one lets it be. Agreement: the
-walls that should coincide do, once the maps may bend, hardly any straight wall stands where the
-other map saw free space all around, and free space is free in both; furniture that moved is no
-contradiction. Distinction: it
+walls that should coincide do, once the maps may bend, and hardly any straight wall stands where
+the other map saw free space all around; furniture that moved is no contradiction. Distinction: it
 is better than every rival, in how little wall speaks against it and along the direction with the
-least evidence. Places: enough distinct places fix it along that direction, which two parallel
-walls do not, in an overlap that is no thin strip, where walls coincide by chance. Each test is
-linear in measures that can only speak for a hypothesis when they grow. The weights were learned
-from true and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
+least evidence. Places: distinct places agree along that direction, which two parallel walls do
+not have, in an overlap that is large and no thin strip, where walls coincide by chance. Each test
+is linear in measures that can only speak for a hypothesis when they grow. The weights were
+learned from true and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
 """
 
 from dataclasses import dataclass, replace
@@ -27,9 +26,9 @@ from somfusion_ros.settings import tuned
 
 WEIGHTS_FILE = 'verdict_weights.json'
 TESTS: dict[str, tuple[str, ...]] = {
-    'agreement': ('solid_density', 'free', 'ratio', 'constant'),
+    'agreement': ('solid_density', 'ratio', 'constant'),
     'distinction': ('odds', 'weak_margin', 'constant'),
-    'places': ('weak', 'weak_ratio', 'overlap', 'constant'),
+    'places': ('weak_ratio', 'overlap', 'common', 'constant'),
 }
 
 
@@ -40,6 +39,8 @@ class VerdictSettings:
     strip: float = tuned(
         0.1, 'share', 'of the smaller map from which an overlap is no thin strip',
         'benchmarks/fusion/calibration.py')
+    little: float = tuned(
+        3.0, 'm2', 'that both saw free, or less, are as good as nothing: half a room', 'by design')
     sure: float = tuned(
         0.9, 'probability', 'from which a verdict over all measured rivals is clear, and',
         'benchmarks/fusion/stages.py')
@@ -53,9 +54,6 @@ class VerdictSettings:
     loose_wall: float = tuned(
         0.5, 'm', 'of straight wall in the open is no contradiction: half a door leaf',
         'doc/fusion.md: belgioioso halves')
-    all_free: float = tuned(
-        0.97, 'share', 'V from which free space of both maps agrees as well as it can: the rest '
-        'is furniture', 'benchmarks/fusion/calibration.py')
     image: float = tuned(
         1.5, 'times', 'as good as a hypothesis is the mirror image of one map where the places '
         'are built the other way round; at most 1.04 in true pairs', 'doc/fusion.md: mirrored')
@@ -176,12 +174,12 @@ def measures(item: Evidence, margins: Margins) -> dict[str, float]:
     return {
         'solid_density': -np.log(
             max(item.solid_against - VERDICT.loose_wall, 0.0) / (item.common + 10.0) + 0.01),
-        'free': -np.log(1.0 - min(item.V, VERDICT.all_free)),
         'ratio': _logit(item.ratio),
         'odds': np.log(np.clip(margins.odds, 0.1, 20.0)),
         'weak_margin': np.log(np.clip(margins.weak_margin, 0.3, 4.0)),
-        'weak': np.log(item.weak + 0.3), 'weak_ratio': _logit(item.weak_ratio),
-        'overlap': np.log(np.clip(item.overlap / VERDICT.strip, 0.05, 1.0)), 'constant': 1.0}
+        'weak_ratio': _logit(item.weak_ratio),
+        'overlap': np.log(np.clip(item.overlap / VERDICT.strip, 0.05, 1.0)),
+        'common': np.log(item.common + VERDICT.little), 'constant': 1.0}
 
 
 def judge_by_V(evidence: Evidence, threshold: float) -> Verdict:

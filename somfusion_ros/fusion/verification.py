@@ -122,8 +122,8 @@ def verify(poses: Array, J: Array, target: LearnedMap, source: LearnedMap,
 
     Where the best is not clear while the maps are rigid, those that match most wall within the
     tolerance of a bend are bent before they are compared: an overlap that is large and bent would
-    else lose against a small one that fits by chance. Where even then the best could not be accepted,
-    no more rivals are looked for.
+    else lose against a small one that fits by chance. Where even then the best could not be
+    accepted, no more rivals are looked for.
     """
     found = _Hypotheses(poses, J, target, source, config)
     first = found.judge()
