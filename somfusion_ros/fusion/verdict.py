@@ -6,11 +6,11 @@ The verdict: a calibrated probability, accepted, refused or ambiguous, and a rea
 A hypothesis must pass three tests, and is as probable as its worst one lets it be. Agreement: the
 walls that should coincide do, once the maps may bend, and hardly any straight wall stands where
 the other map saw free space all around; furniture that moved is no contradiction. Distinction: it
-is better than every rival, in how little wall speaks against it and along the direction with the
-least evidence. Places: distinct places agree along that direction, which two parallel walls do
-not have, in an overlap that is large and no thin strip, where walls coincide by chance. Each test
-is linear in measures that can only speak for a hypothesis when they grow. The weights were
-learned from true and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
+is better than every rival, in how little wall speaks against it, along the direction with the
+least evidence, and in all. Places: distinct places agree along that direction, which two parallel
+walls do not have, in an overlap that is large and no thin strip, where walls coincide by chance.
+Each test is linear in measures that can only speak for a hypothesis when they grow. The weights
+were learned from true and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from somfusion_ros.settings import tuned
 WEIGHTS_FILE = 'verdict_weights.json'
 TESTS: dict[str, tuple[str, ...]] = {
     'agreement': ('solid_density', 'ratio', 'constant'),
-    'distinction': ('odds', 'weak_margin', 'constant'),
+    'distinction': ('odds', 'weak_margin', 'lead', 'constant'),
     'places': ('weak_ratio', 'overlap', 'common', 'constant'),
 }
 
@@ -38,6 +38,10 @@ class VerdictSettings:
 
     strip: float = tuned(
         0.1, 'share', 'of the smaller map from which an overlap is no thin strip',
+        'benchmarks/fusion/calibration.py')
+    ahead: float = tuned(
+        6.0, 'root m', 'by which its score is above that of the best rival, or more, are enough: '
+        'in a large overlap less of a margin tells two poses apart',
         'benchmarks/fusion/calibration.py')
     little: float = tuned(
         3.0, 'm2', 'that both saw free, or less, are as good as nothing: half a room', 'by design')
@@ -177,6 +181,8 @@ def measures(item: Evidence, margins: Margins) -> dict[str, float]:
         'ratio': _logit(item.ratio),
         'odds': np.log(np.clip(margins.odds, 0.1, 20.0)),
         'weak_margin': np.log(np.clip(margins.weak_margin, 0.3, 4.0)),
+        'lead': np.clip(item.score * (1.0 - 1.0 / max(margins.margin, 0.1)), 0.0,
+                        VERDICT.ahead),
         'weak_ratio': _logit(item.weak_ratio),
         'overlap': np.log(np.clip(item.overlap / VERDICT.strip, 0.05, 1.0)),
         'common': np.log(item.common + VERDICT.little), 'constant': 1.0}
