@@ -106,3 +106,13 @@ def test_no_normals_at_all() -> None:
     none = counted(np.empty((0, 2)))
     curve = orientation.correlate(none, none)
     assert np.isfinite(curve).all() and len(orientation.peaks(curve, 3)) >= 1
+
+
+@given(st.integers(0, 2 ** 32 - 1))
+def test_more_orientations_begin_with_the_fewer(seed: int) -> None:
+    """A wider search settles only the seeds that the first one did not."""
+    correlation = np.random.default_rng(seed).normal(size=360)
+    correlation = correlation + np.roll(correlation, 1) + np.roll(correlation, 2)
+    few, many = (orientation.families(orientation.peaks(correlation, count))
+                 for count in (4, 8))
+    assert many[:len(few)] == pytest.approx(few)
