@@ -71,7 +71,7 @@ def main() -> None:
             table.extend([(*names, run.found.metres, run.counters.get('lost', 0), *(
                 float(np.percentile(part[:, axis], share)) for part in (off, off[near])
                 for axis in range(2) for share in (50, 95)))])
-        print(table.markdown(), flush=True)
+    print(table.markdown())
 
 
 if __name__ == '__main__':

@@ -73,9 +73,9 @@ class DelayedStateEkf:
             view = k - 1 if view is None else view
             self.parents[k] = view
             self._x[k] = compose(self._x[view], T_view_new)
-            a, F, G = self._ahead(view, T_view_new)
+            a, F, Q = self._ahead(view, T_view_new, Q)
             column = self._column(a) @ F.T
-            column[s] = F @ self.block(a, a) @ F.T + G @ Q @ G.T
+            column[s] = F @ self.block(a, a) @ F.T + Q
         self._P[s, :s.stop] = column[:s.stop].T
         self._P[s.start:, s] = column[s.start:]
         self.n += 1
@@ -85,9 +85,20 @@ class DelayedStateEkf:
         """Marginalise view k unless it is an anchor; do nothing where there is no such view."""
         ends = hanging.ends(k, self.parents, self._anchors) if k > 0 else None
         if ends is not None:
+            before, after = self._anchor(ends[0]), self._anchor(ends[1])
+            R = self.relative(before, k)[1] if before == after else np.zeros((3, 3))
             self._free.append(int(self._slot[k]))
             self._slot[k] = -1
-            self._hanging.hang(k, self._anchor(ends[0]), self._anchor(ends[1]), self._x)
+            self._hanging.hang(k, before, after, self._x, R)
+
+    def _loose(self, k: int) -> Array:
+        """Return the covariance (3, 3) that view k has beyond its anchor's."""
+        if self._slot[k] >= 0:
+            return np.zeros((3, 3))
+        a = self._hanging.anchor(k)
+        _, G = compose_jacobians(self._x[a], between(self._x[a], self._x[k]))
+        loose: Array = G @ self._hanging.spread(k) @ G.T
+        return loose
 
     def _follow(self) -> None:
         """Move the marginalised views with their anchors."""
@@ -107,20 +118,24 @@ class DelayedStateEkf:
         x = self._x
         z = compose(compose(between(x[i], x[constraint.first]), constraint.z),
                     between(x[constraint.second], x[j]))
-        return Constraint(i, j, z, constraint.R)
+        A, B = between_jacobians(x[constraint.first], x[constraint.second])
+        R = (constraint.R + A @ self._loose(constraint.first) @ A.T
+             + B @ self._loose(constraint.second) @ B.T)
+        return Constraint(i, j, z, R)
 
     def ahead(self, T_view_base: Array, Q: Array, view: int) -> tuple[Array, Array]:
         """Return pose (3,) and covariance (3, 3) in the map after a motion from a view."""
-        a, F, G = self._ahead(view, T_view_base)
-        return compose(self._x[view], T_view_base), F @ self.block(a, a) @ F.T + G @ Q @ G.T
+        a, F, Q = self._ahead(view, T_view_base, Q)
+        return compose(self._x[view], T_view_base), F @ self.block(a, a) @ F.T + Q
 
-    def _ahead(self, view: int, T_view_base: Array) -> tuple[int, Array, Array]:
-        """Return a view's anchor, and the Jacobians of a pose ahead in it and in the motion."""
+    def _ahead(self, view: int, T_view_base: Array, Q: Array) -> tuple[int, Array, Array]:
+        """Return a view's anchor, the Jacobian of a pose ahead in it, and what comes beside it."""
         F, G = compose_jacobians(self._x[view], T_view_base)
+        Q = G @ Q @ G.T + F @ self._loose(view) @ F.T
         a = self._anchor(view)
         if a != view:
             F = F @ compose_jacobians(self._x[a], between(self._x[a], self._x[view]))[0]
-        return a, F, G
+        return a, F, Q
 
     def _make_room(self) -> None:
         """Enlarge x and P before they are full."""
@@ -156,7 +171,8 @@ class DelayedStateEkf:
         a, b = self._anchor(i), self._anchor(j)
         C = A @ self.block(a, b) @ B.T
         return (between(self._x[i], self._x[j]),
-                A @ self.block(a, a) @ A.T + B @ self.block(b, b) @ B.T + C + C.T)
+                A @ (self.block(a, a) + self._loose(i)) @ A.T
+                + B @ (self.block(b, b) + self._loose(j)) @ B.T + C + C.T)
 
     def innovation(self, constraint: Constraint) -> tuple[Array, Array]:
         """Return the innovation z - h(x) (3,) and its covariance S (3, 3)."""

@@ -43,25 +43,37 @@ def _stays(k: int, parents: NDArray[np.intp], every: int) -> bool:
 
 
 class Hanging:
-    """The anchors (n, 2) of views, and their poses (n, 2, 3) seen from both; room for n views."""
+    """
+    The anchors (n, 2) of views, and their poses (n, 2, 3) seen from both; room for n views.
+
+    Covariances (n, 3, 3) of those that hang on one anchor only; between two they are taken to be
+    as sure as these.
+    """
 
     def __init__(self, room: int) -> None:
         self._anchors = np.full((room, 2), -1)
         self._seen = np.zeros((room, 2, 3))
+        self._R = np.zeros((room, 3, 3))
 
     def make_room(self, more: int) -> None:
         """Make room for more views."""
         self._anchors = np.concatenate([self._anchors, np.full((more, 2), -1)])
         self._seen = np.concatenate([self._seen, np.zeros((more, 2, 3))])
+        self._R = np.concatenate([self._R, np.zeros((more, 3, 3))])
 
-    def hang(self, k: int, before: int, after: int, poses: Array) -> None:
-        """Hang view k between two anchors, as they lie at poses (n, 3)."""
-        self._anchors[k] = before, after
+    def hang(self, k: int, before: int, after: int, poses: Array, R: Array) -> None:
+        """Hang view k between two anchors, as they lie at poses (n, 3), known to R (3, 3)."""
+        self._anchors[k], self._R[k] = (before, after), R
         self.renew(poses, np.array([k]))
 
     def anchor(self, k: int) -> int:
         """Return the first anchor of a view that hangs."""
         return int(self._anchors[k, 0])
+
+    def spread(self, k: int) -> Array:
+        """Return the covariance (3, 3) of view k seen from its first anchor."""
+        R: Array = self._R[k]
+        return R
 
     def renew(self, poses: Array, k: NDArray[np.intp]) -> None:
         """Let views k (m,) hang as they lie at poses (n, 3)."""

@@ -160,6 +160,11 @@ def test_views_added_where_the_place_was_known_hang_on_it():
     assert np.hypot(*d[:81, :2].T).max() < 0.02
     assert np.percentile(np.hypot(*d[81:, :2].T), 95) < 0.05
     np.testing.assert_allclose(anchored.block(399, 399), full.block(399, 399), rtol=0.2)
+    sigma, honest = (np.array([np.sqrt(np.diag(ekf.relative(0, k)[1])) for k in range(90, 320)])
+                     for ekf in (anchored, full))
+    share = sigma / honest                # it claims to know none of them much better than it does
+    assert share.min() > 0.4
+    assert (np.abs(np.median(share, axis=0) - 1.0) < 0.15).all()
 
 
 def test_a_filter_made_again_of_its_constraints_knows_as_much():
