@@ -112,11 +112,10 @@ class MapDecoder:
         ValueError, naming what is wrong, on anything that is no message; it changes nothing.
         """
         cells = self._decoded(message)
-        number = number_of(message)
         if cells is not None:
             self.newest = epoch_of(message), cells
-        if cells is not None and number:
-            self.own, self._number = self.newest, number
+            if number := number_of(message):
+                self.own, self._number = self.newest, number
         return cells
 
     def _decoded(self, message: bytes) -> MapCells | None:
@@ -185,9 +184,8 @@ def _changed(key: MapCells, header: Header, message: bytes) -> MapCells:
     """Put a change on its key."""
     shape = header.rows, header.columns
     values = laid_into(key.values, shape, (header.key_row, header.key_column))
-    window = values[header.row:header.row + header.height,
-                    header.column:header.column + header.width]
-    window ^= _inflate(message, header)
+    row, column = header.row, header.column
+    values[row:row + header.height, column:column + header.width] ^= _inflate(message, header)
     return _cells(header, values)
 
 
@@ -220,10 +218,8 @@ def _parse(message: bytes, max_cells: int) -> Header:
         raise ValueError(f'{len(message)} bytes are no map message')
     header = Header(*HEADER.unpack_from(message))
     if not 0 < header.rows * header.columns <= max_cells:
-        raise ValueError(f'map of {header.columns} x {header.rows} cells: none, or over '
-                         f'{max_cells}')
-    if (header.row + header.height > header.rows
-            or header.column + header.width > header.columns):
+        raise ValueError(f'map of {header.columns} x {header.rows} cells: 0, or over {max_cells}')
+    if header.row + header.height > header.rows or header.column + header.width > header.columns:
         raise ValueError('the change lies outside its map')
     if max(abs(header.key_row), abs(header.key_column)) > MAX_SHIFT:
         raise ValueError('the change lies too far from its key')
