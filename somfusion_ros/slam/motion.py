@@ -26,7 +26,8 @@ class Odometry:
     stamp [s], pose T_odom_base (3,), twist (3,) [m/s, m/s, rad/s] in the base frame, and, where
     it comes from encoders, slip (3,): the covariance of travel and turn that the wheels' slip
     has added up to, var(travel) [m^2], cov(travel, turn) [m rad], var(turn) [rad^2]; where nobody
-    measured the motion, slip (4,) with var(across) [m^2] last, and measured is False.
+    measured the motion, slip (4,) with var(across) [m^2] last, and measured is False. heading
+    by a gyroscope: number of its run, angle [rad], sigma of its drift [rad/s].
     """
 
     stamp: float
@@ -34,6 +35,7 @@ class Odometry:
     twist: Array
     slip: Array | None = None
     measured: bool = True
+    heading: tuple[int, float, float] | None = None
 
     def slip_since(self, previous: 'Odometry') -> Array | None:
         """Return the slip (3,) since an earlier moment; None where it is not known of both."""
@@ -43,8 +45,7 @@ class Odometry:
 
     def fault(self) -> str:
         """Name what makes the odometry unusable, '' if nothing does."""
-        usable = (np.isfinite(self.stamp) and np.isfinite(self.pose).all()
-                  and np.isfinite(self.twist).all())
+        usable = np.isfinite([self.stamp, *self.pose, *self.twist]).all()
         return '' if usable else 'odometry_not_finite'
 
 
@@ -246,5 +247,4 @@ def increment_covariance(step: Array, noise: MotionNoise, slip: Array | None = N
         P[0, 2] = P[2, 0] = both
         c, s = cos(0.5 * turn), sin(0.5 * turn)
     T = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-    covariance: Array = T @ P @ T.T
-    return covariance
+    return np.asarray(T @ P @ T.T, dtype=float)

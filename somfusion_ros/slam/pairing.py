@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
+from somfusion_ros.slam.gyro import Gyro
 from somfusion_ros.slam.laser import Laser
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.motion_guess import MotionGuess
@@ -68,6 +69,7 @@ class Pairing:
         self._timeout, self._count, self._capacity = timeout, count, capacity
         self._began_anew, self._guess = began_anew, guess
         self.odometry = OdometryBuffer(count)
+        self.gyro = Gyro(count, trusted=guess is not None)
         self._queue = ScanQueue(self.odometry, timeout, count, capacity)
         self._odometry_stamps = StampStream()
         self._scan_stamps: defaultdict[str, StampStream] = defaultdict(StampStream)
@@ -81,8 +83,7 @@ class Pairing:
 
     def add_turn_rate(self, stamp: float, rate: float) -> None:
         """Take the turn rate [rad/s] of a gyroscope at a stamp [s]."""
-        if self._guess is not None:
-            self._guess.add_turn_rate(stamp, rate)
+        self.gyro.add(stamp + self._clock.odometry_shift, rate)
 
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
         """Add a scan; now [s] is any steady time."""
@@ -99,12 +100,12 @@ class Pairing:
         if self._guess is not None:
             first = self._queue.first()
             return None if first is None else Paired(
-                first[0], first[1], self._guess.at(first[0].stamp))
+                first[0], first[1], self.gyro.beside(self._guess.at(first[0].stamp)))
         found = next(self._queue.ready(now), None)
         if found is None:
             return None
         (scan, tag), odometry = found
-        return Paired(scan, tag, odometry)
+        return Paired(scan, tag, self.gyro.beside(odometry, self.odometry.lag))
 
     def finish(self) -> Iterator[Paired]:
         """Yield what still waits at the end of a log, with the odometry that there is."""

@@ -149,6 +149,8 @@ class Session:
             self._count(step.reason, REASONS.get(step.reason, 'a scan was not used as it should'))
         if self._guess is not None:
             self._guess.learn(step)
+        with self._lock:
+            self._pairing.gyro.learn(step, paired.odometry)
         return paired.tag, step
 
     def _resume(self, checkpoint: Checkpoint, how: Start) -> None:

@@ -16,6 +16,7 @@ from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.covariance import along, ScaleError, sweep_covariance
 from somfusion_ros.slam.covariance import TUNING as INHERITED
 from somfusion_ros.slam.covariance import turned
+from somfusion_ros.slam.gyro import by_gyro
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import FEWEST, Match, register
 from somfusion_ros.slam.motion import increment_covariance, MotionNoise, Odometry
@@ -137,6 +138,7 @@ class Tracker:
             return ''
         step = self.calibration.correct(between(previous.pose, odometry.pose))
         Q = increment_covariance(step, self._noise, odometry.slip_since(previous))
+        step, Q = by_gyro(step, Q, previous, odometry)
         dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
         self._unseen += dt
         reason = ''
@@ -209,8 +211,8 @@ class Tracker:
     @property
     def _sparse(self) -> bool:
         """Whether scans lie as far apart as views, so that they have less in common anyway."""
-        step = self._dt * self._velocity[:2]
-        return bool(np.hypot(step[0], step[1]) > self.config.minimum_travel_distance)
+        return bool(np.hypot(*(self._dt * self._velocity[:2]))
+                    > self.config.minimum_travel_distance)
 
     def _keep_anchor(self, match: Match, previous: Odometry | None, before: Array) -> None:
         """Remember the last pose before odometry and match differed, until they agree again."""

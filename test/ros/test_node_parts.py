@@ -19,10 +19,12 @@ need_ros()
 
 from builtin_interfaces.msg import Time  # noqa: E402, I100
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from rclpy.clock import Clock  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from sensor_msgs.msg import LaserScan  # noqa: E402
+from sensor_msgs.msg import Imu, LaserScan  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
+from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
 from somfusion_ros.ros.apps.recording import open_bag, Recording  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
@@ -30,6 +32,7 @@ from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
 from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
 from somfusion_ros.ros.fusion.view_link import ViewLink  # noqa: E402
 from somfusion_ros.ros.slam.joint_path import JointPath  # noqa: E402
+from somfusion_ros.ros.slam.odometry_input import OdometryInput  # noqa: E402
 from somfusion_ros.team.heard import Heard  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
@@ -57,6 +60,21 @@ def test_without_tf_the_mount_comes_from_the_parameter_and_nothing_is_sent(
         assert mounts.find('base_link', 'laser').T_base_laser == pytest.approx(given)
     assert all('without TF' in line for line in log.lines)
     assert log.lines
+
+
+def test_an_imu_is_heard_beside_any_odometry() -> None:
+    for source in ('odom', 'none'):
+        heard: dict[str, Any] = {}
+        rates: list[tuple[float, float]] = []
+        node = SimpleNamespace(
+            get_clock=Clock, create_subscription=lambda kind, topic, take, *_, **__: (
+                heard.update({topic: take}) or SimpleNamespace(topic_name=topic)))
+        OdometryInput(node, SlamNodeConfig(odometry_source=source), print,
+                      lambda *told: rates.append(told), print)
+        message = Imu()
+        message.header.stamp.sec, message.angular_velocity.z = 7, 0.5
+        heard['imu'](message)
+        assert rates == [(7.0, 0.5)]
 
 
 def test_faults_are_counted_and_each_kind_is_said_rarely() -> None:

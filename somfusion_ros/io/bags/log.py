@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from somfusion_ros.geometry import Pose
-from somfusion_ros.io.bags.odometry import converter
+from somfusion_ros.io.bags.odometry import converter, turn_rate
 from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.bags.reader import BagError, BagReader
 from somfusion_ros.io.bags.topics import (choose_odometry, choose_scan_topics, find_robots,
@@ -85,7 +85,7 @@ class Log:
     def _records(self) -> Iterator[Record]:
         """Yield the records as they were written."""
         convert = converter(self.odometry, self.options, self.path)
-        topics = {*self.lasers, self.odometry.topic}
+        topics = {*self.lasers, self.odometry.topic, self.odometry.gyro}
         with BagReader(self.path) as reader:
             for topic, log_time, message in reader.messages(topics):
                 if topic in self.lasers:
@@ -94,15 +94,17 @@ class Log:
                                         stamp(message.header, log_time), topic)
                     except ValueError as error:
                         self._count('scans_unusable', str(error))
+                elif topic == self.odometry.gyro:
+                    yield turn_rate(message, log_time)
                 else:
                     record = convert(message, log_time)
                     if record is not None and self._usable(record):
                         yield record
             self.notes += [note for note in reader.notes if note not in self.notes]
 
-    def _usable(self, record: Odometry | TurnRate) -> bool:
+    def _usable(self, record: Odometry) -> bool:
         """Tell whether odometry is finite, and count it otherwise."""
-        usable = isinstance(record, TurnRate) or bool(np.isfinite(record.pose).all())
+        usable = bool(np.isfinite(record.pose).all())
         if not usable:
             self._count('odometry_not_finite')
         return usable

@@ -16,7 +16,7 @@ from somfusion_ros.io.frame_tree import yaw
 from somfusion_ros.slam.motion import Odometry, WheelOdometry
 from somfusion_ros.slam.motion_guess import TurnRate
 
-Converter = Callable[[Any, float], Odometry | TurnRate | None]
+Converter = Callable[[Any, float], Odometry | None]
 
 
 def converter(source: OdometrySource, options: BagOptions, path: Path) -> Converter:
@@ -26,7 +26,7 @@ def converter(source: OdometrySource, options: BagOptions, path: Path) -> Conver
     if source.kind == 'encoders':
         return Encoders(options, path)
     if source.kind == 'none':
-        return turn_rate
+        return lambda message, log_time: None
     return TransformOdometry(source.frames)
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which topics and frames of a bag hold the scans and the odometry of a robot."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from somfusion_ros.io.bags.options import BagOptions, SOURCES
@@ -22,15 +22,15 @@ class OdometrySource:
     """
     Where a robot's odometry comes from: kind (odom, encoders, tf, none), topic, and frames.
 
-    Without odometry the topic is that of a gyroscope, '' without one either.
-
-    base_frame is the frame whose motion it tells; frames (parent, child) those of /tf.
+    base_frame is the frame whose motion it tells; frames (parent, child) those of /tf; gyro is the
+    topic of a gyroscope beside it, '' where there is none, or several.
     """
 
     kind: str
     topic: str
     base_frame: str
     frames: tuple[str, str] | None = None
+    gyro: str = ''
 
 
 def stamp(header: Any, log_time: float) -> float:
@@ -81,6 +81,12 @@ def choose_scan_topics(reader: BagReader, options: BagOptions) -> list[str]:
 
 
 def choose_odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
+    """Find where the odometry of a robot comes from, and the one gyroscope beside it."""
+    gyros = _found(reader, (IMU,), options.namespace)
+    return replace(_odometry(reader, options), gyro=gyros[0] if len(gyros) == 1 else '')
+
+
+def _odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
     """Find where the odometry of a robot comes from."""
     kind, namespace = options.odometry_source, options.namespace
     if kind not in SOURCES:
@@ -89,8 +95,7 @@ def choose_odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
     if kind == 'auto':
         kind, in_tf = _best_source(reader, options)
     if kind == 'none':
-        gyros = _found(reader, (IMU,), namespace)
-        return OdometrySource('none', gyros[0] if len(gyros) == 1 else '', BASE_FRAMES[0])
+        return OdometrySource('none', '', BASE_FRAMES[0])
     if kind == 'odom':
         topic = _choose(reader, (ODOMETRY,), 'odometry', options.odom_topic, 'odom',
                         '--odom-topic', namespace)

@@ -8,7 +8,7 @@ below another robot's name are found as `/<robot>/<name>`.
 """
 
 # One robot's SLAM.
-SCAN, ODOMETRY, JOINT_STATES = 'scan', 'odom', 'joint_states'
+SCAN, ODOMETRY, JOINT_STATES, IMU = 'scan', 'odom', 'joint_states', 'imu'
 MAP, MAP_METADATA, ROBOT_POSE, PATH = 'map', 'map_metadata', 'pose', 'path'
 GRADED_SUFFIX = '_graded'   # of the same map with graded evidence
 MAP_GRADED = 'map_graded'

@@ -80,13 +80,13 @@ class SlamNode(ManagedNode):
 
     def activate(self) -> None:
         """Listen to the robot, and start the threads."""
-        part, config = self.active_part, self._config
-        self._pipeline.start()
+        part, config, to = self.active_part, self._config, self._pipeline
+        to.start()
         self._mounts = Mounts(part, config.given_mount, self._count)
         self._bodies = PeerBodies(part, config.peer_radius)
         if config.use_peers:
             JointPath(part, self._pipeline.straighten, self._count)
-        self._odometry = OdometryInput(part, config, self._pipeline.add_odometry, self._count)
+        self._odometry = OdometryInput(part, config, to.add_odometry, to.add_turn_rate, self._count)
         self._scans = ScanInput(part, config.scan_topics, self._on_scan, self._count)
         self._inputs = f'{self._scans.topic}, {self._odometry.topic}'
         part.create_subscription(PoseWithCovarianceStamped, names.INITIAL_POSE,

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from somfusion_ros.geometry import Array
 from somfusion_ros.io.bags.odometry import TransformOdometry
 from somfusion_ros.io.bags.transforms import best_odometry, pairs_of
@@ -26,13 +26,14 @@ class OdometryInput:
     """
     Hears odometry and hands it on as `take(stamp [s], T_odom_base (3,), slip (3,) or None)`.
 
+    The turn rate of a gyroscope goes on as `take_rate(stamp [s], rate [rad/s])`.
     What cannot be used is counted. Where nav_msgs/Odometry does not come, but a transform that is
     odometry does, that one is taken; it is logged which.
     """
 
     def __init__(self, node: Any, config: SlamNodeConfig, take: Callable[..., None],
-                 count: Callable[..., None]) -> None:
-        self._take, self._count = take, count
+                 take_rate: Callable[[float, float], None], count: Callable[..., None]) -> None:
+        self._take, self._take_rate, self._count = take, take_rate, count
         self._joints = (config.left_wheel_joint, config.right_wheel_joint)
         self._wheels = WheelOdometry(config.wheel_radius, config.wheel_separation)
         self._node, self._config = node, config
@@ -51,6 +52,7 @@ class OdometryInput:
             heard.append(node.create_subscription(
                 JointState, names.JOINT_STATES, self._on_joint_states, qos.SENSOR_DATA,
                 **options).topic_name)
+        node.create_subscription(Imu, names.IMU, self._on_imu, qos.SENSOR_DATA, **options)
         kind = transform_type(node) if source in ('auto', 'tf') else None
         if kind is not None:
             self._tf = node.create_subscription(kind, names.TF, self._on_transforms,
@@ -87,6 +89,11 @@ class OdometryInput:
             self._count('wheels_unusable', str(error))
             return
         self._hand_on(stamp, self._wheels.update(*wheels), self._wheels.slip)
+
+    def _on_imu(self, message: Imu) -> None:
+        """Hand on the turn rate about the vertical axis."""
+        convert.stamp_if_missing(message.header, self._now(), self._count)
+        self._take_rate(convert.seconds(message.header.stamp), float(message.angular_velocity.z))
 
     def _hand_on(self, stamp: float, pose: Array, slip: Array | None) -> None:
         self._heard = time.monotonic()

@@ -89,6 +89,10 @@ class Pipeline:
         self.session.add_odometry(stamp, pose, slip)
         self._tracker.wake()
 
+    def add_turn_rate(self, stamp: float, rate: float) -> None:
+        """Keep a turn rate [rad/s] of a gyroscope."""
+        self.session.add_turn_rate(stamp, rate)
+
     def submit(self, job: Callable[[], Any]) -> None:
         """Run a job soon in the thread that draws maps."""
         self._mapper.submit(job)
