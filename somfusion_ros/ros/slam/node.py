@@ -86,7 +86,7 @@ class SlamNode(ManagedNode):
         self._bodies = PeerBodies(part, config.peer_radius)
         if config.use_peers:
             JointPath(part, self._pipeline.straighten, self._count)
-        self._odometry = OdometryInput(part, config, to.add_odometry, to.add_turn_rate, self._count)
+        self._odometry = OdometryInput(part, config, to.add_odometry, to.add_turn, self._count)
         self._scans = ScanInput(part, config.scan_topics, self._on_scan, self._count)
         self._inputs = f'{self._scans.topic}, {self._odometry.topic}'
         part.create_subscription(PoseWithCovarianceStamped, names.INITIAL_POSE,

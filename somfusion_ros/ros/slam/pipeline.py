@@ -89,7 +89,7 @@ class Pipeline:
         self.session.add_odometry(stamp, pose, slip)
         self._tracker.wake()
 
-    def add_turn_rate(self, stamp: float, rate: float) -> None:
+    def add_turn(self, stamp: float, rate: float) -> None:
         """Keep a turn rate [rad/s] of a gyroscope."""
         self.session.add_turn_rate(stamp, rate)
 
