@@ -18,6 +18,7 @@ from somfusion_ros.slam.scan import Scan
 
 FULL_CIRCLE = 2.0 * np.pi
 ROUNDED = 1.5   # beams by which angle_max may miss the last beam: drivers differ by one
+LEAST_SHARE = 0.05   # of the step by angle_max, below which an increment is none
 COUNTED = 0.15  # share by which beams may be fewer or more than the increment was made for
 
 
@@ -68,7 +69,7 @@ def angles(start: float, end: float, increment: float, beams: int) -> tuple[floa
         return start, increment, ''   # nobody set angle_max
     told = (f'angle_min {start:g}, angle_max {end:g} and {beams} ranges are {by_end:g} rad apart, '
             f'not angle_increment = {increment:g}')
-    alike = possible and increment * by_end > 0.0
+    alike = possible and increment * by_end > 0.0 and abs(increment) > LEAST_SHARE * abs(by_end)
     if alike and abs(increment - by_end) > COUNTED * abs(by_end):
         return start, increment, f'{told}: the increment is used'
     return start, by_end, f'{told}: the angles are used'

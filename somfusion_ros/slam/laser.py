@@ -9,6 +9,8 @@ from somfusion_ros.slam.no_returns import NoReturns
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.sweep import Sweep
 
+FARTHEST = 300.0   # [m] that a laser of a robot may see
+
 
 class Laser:
     """Mends the scans of one laser by what all of them show, and counts what is odd."""
@@ -44,7 +46,9 @@ def emptiness(scan: Scan) -> str:
     ranges = np.asarray(scan.ranges, dtype=float)
     with np.errstate(invalid='ignore'):
         kinds = {
-            'a usable range': (ranges >= max(scan.range_min, 1e-3)) & (ranges < scan.range_max),
+            'a usable range': ((ranges >= max(scan.range_min, 1e-3))
+                               & (ranges < min(scan.range_max, FARTHEST))),
+            f'over {FARTHEST:g} m': (ranges >= FARTHEST) & (ranges < scan.range_max),
             'inf': np.isposinf(ranges), 'NaN': np.isnan(ranges), '0': ranges == 0.0,
             f'over range_max = {scan.range_max:g} m': (
                 np.isfinite(ranges) & (ranges >= scan.range_max)),

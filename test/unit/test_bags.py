@@ -82,7 +82,8 @@ def test_ranges_come_as_they_were_recorded(tmp_path: Path) -> None:
     assert odometry(log)[3].twist == pytest.approx([1.0, 0.0, 0.2])
 
 
-def test_reads_rosbag1(tmp_path: Path) -> None:
+def write_rosbag1(file: Path, numbers: range) -> None:
+    """Write a bag of ROS 1 with a scan and odometry a second."""
     store = get_typestore(Stores.ROS1_NOETIC)
     kind = store.types
     time_type, header = kind['builtin_interfaces/msg/Time'], kind['std_msgs/msg/Header']
@@ -90,10 +91,10 @@ def test_reads_rosbag1(tmp_path: Path) -> None:
     odom_type = 'nav_msgs/msg/Odometry'
     point, turn = kind['geometry_msgs/msg/Point'], kind['geometry_msgs/msg/Quaternion']
     vector, pose = kind['geometry_msgs/msg/Vector3'], kind['geometry_msgs/msg/Pose']
-    with Writer1(tmp_path / 'log.bag') as bag:
+    with Writer1(file) as bag:
         topics = {t: bag.add_connection(f'/{n}', t, typestore=store)
                   for n, t in (('base_scan', scan_type), ('odom', odom_type))}
-        for number in range(5):
+        for number in numbers:
             head = header(number, time_type(10 + number, 0), '/laser')
             scan = kind[scan_type](head, -0.2, 0.2, 0.1, 0.0, 0.1, 0.05, 4.0,
                                    RANGES.astype(np.float32), np.zeros(0, np.float32))
@@ -107,11 +108,24 @@ def test_reads_rosbag1(tmp_path: Path) -> None:
             for name, message in ((scan_type, scan), (odom_type, odom)):
                 bag.write(topics[name], (10 + number) * 10 ** 9,
                           store.serialize_ros1(message, name))
+
+
+def test_reads_rosbag1(tmp_path: Path) -> None:
+    write_rosbag1(tmp_path / 'log.bag', range(5))
     log = open_log(tmp_path / 'log.bag')
     assert log.scan_topic == '/base_scan'
     assert [scan.stamp for scan in scans(log)] == [10.0, 11.0, 12.0, 13.0, 14.0]
     assert odometry(log)[2].pose == pytest.approx([2.0, 0.0, 0.0])
     assert 'laser is taken to sit in base_link' in log.notes[0]
+
+
+def test_a_split_rosbag1_is_one_log(tmp_path: Path) -> None:
+    """Recorded by `rosbag record --split`: the tenth part comes after the ninth."""
+    for part in range(11):
+        write_rosbag1(tmp_path / f'run_{part}.bag', range(3 * part, 3 * part + 3))
+    log = open_log(tmp_path)
+    assert [scan.stamp for scan in scans(log)] == [10.0 + number for number in range(33)]
+    assert log.scan_count == len(odometry(log)) == 33
 
 
 def test_composes_the_chain_to_the_laser(tmp_path: Path) -> None:

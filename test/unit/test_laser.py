@@ -72,6 +72,10 @@ def test_a_scan_without_a_usable_beam_says_why(ranges: list[float], words: str) 
     assert not emptiness(replace(scan, ranges=np.array([*ranges[:-1], 2.0])))
 
 
+def test_millimetres_all_through_are_named() -> None:
+    assert 'millimetres' in emptiness(Scan(1.0, np.full(9, 2500.0), -1.0, 0.25, 100.0, 12000.0))
+
+
 @pytest.mark.parametrize(('beams', 'period'), [(90, 0.025), (90, 0.2), (3600, 0.2)])
 @pytest.mark.parametrize('changing', [False, True])
 def test_lasers_of_every_rate_and_number_of_beams(beams: int, period: float, changing: bool

@@ -27,6 +27,7 @@ PI, DEGREE = np.pi, np.pi / 180.0
 @pytest.mark.parametrize(('told', 'meant'), [
     ((-PI, PI, -DEGREE), (-PI, DEGREE)),                       # a mirrored map
     ((PI, -PI, DEGREE), (PI, -DEGREE)),                        # turned by the driver
+    ((-PI, PI, 1e-9), (-PI, DEGREE)),                          # next to nothing
     ((-PI, PI, 0.0), (-PI, DEGREE)), ((-PI, PI, np.nan), (-PI, DEGREE)),
     ((-180.0, 180.0, 1.0), (-PI, DEGREE)),                     # degrees
     ((0.0, 360.0, 1.0), (0.0, DEGREE)),
