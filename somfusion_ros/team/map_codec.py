@@ -59,9 +59,7 @@ class MapEncoder:
         self.key = b''
         self.change: bytes | None = None
         self._cells: MapCells | None = None
-        self._epoch = Epoch()
-        self._spent = 0
-        self._number = 0
+        self._epoch, self._spent, self._number = Epoch(), 0, 0
 
     def encode(self, cells: MapCells, epoch: Epoch = Epoch()) -> None:
         """Encode the newest map; a new key is made once the changes have cost as much as one."""
@@ -89,12 +87,11 @@ class MapDecoder:
     """
 
     def __init__(self, max_cells: int) -> None:
-        self._max_cells = max_cells
+        self._max_cells, self._number = max_cells, 0
         self._key: tuple[bytes, MapCells] | None = None   # with its digest
         self._change: bytes | None = None
         self.newest: tuple[Epoch, MapCells] | None = None
         self.own: tuple[Epoch, MapCells] | None = None
-        self._number = 0
 
     def restart(self) -> None:
         """Expect numbers from the beginning: the sender was started again."""
@@ -102,8 +99,7 @@ class MapDecoder:
 
     def is_stale(self, message: bytes) -> bool:
         """Return whether a message is older than one that came before; 0 is of any age."""
-        number = Header(*HEADER.unpack_from(message)).number
-        return bool(0 < number < self._number)
+        return 0 < number_of(message) < self._number
 
     def decode(self, message: bytes) -> MapCells | None:
         """
