@@ -165,4 +165,4 @@ def _check(cells: ArrayLike, resolution: float, origin: Sequence[float]) -> None
     if not np.isfinite(resolution) or resolution <= 0:
         raise ValueError(f'resolution must be positive and finite, got {resolution}')
     if np.shape(origin) != (3,) or not np.isfinite(origin).all():
-        raise ValueError(f'origin must be three finite numbers, got {tuple(np.ravel(origin))}')
+        raise ValueError(f'origin must be three finite numbers, got {np.ravel(origin).tolist()}')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Saved maps as Nav2's map_server reads and writes them: a YAML file beside a PGM image."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
@@ -59,11 +59,20 @@ def read_map(path: str | Path) -> Grid:
         return Grid.from_occupancy(
             _cells(shades, opaque, fields)[::-1],   # the first row of an image is its highest y
             float(_field(path, fields, 'resolution')),
-            tuple(float(v) for v in _field(path, fields, 'origin')))
+            _origin(_field(path, fields, 'origin')))
     except MapError:
         raise
     except (TypeError, ValueError) as error:
         raise MapError(f'{path}: {_one_line(error)}') from error
+
+
+def _origin(told: Sequence[Any]) -> tuple[float, ...]:
+    """Return x, y [m] and yaw [rad] of a map's corner; ValueError where the yaw is in degrees."""
+    origin = tuple(float(value) for value in told)
+    if len(origin) == 3 and abs(origin[2]) > 2.0 * np.pi + 0.01:
+        raise ValueError(f'the yaw of its origin, {origin[2]:g} rad, is over a full turn: '
+                         'is it in degrees?')
+    return origin
 
 
 def yaml_of(path: Path) -> Path:

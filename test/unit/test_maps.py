@@ -106,6 +106,7 @@ def test_plain_and_deep_pgm_are_the_same(tmp_path: Path) -> None:
     ({'resolution': 'fine'}, 'could not convert'),
     ({'origin': '[0.0, 0.0]'}, 'origin must be three finite numbers'),
     ({'origin': '[.nan, 0.0, 0.0]'}, 'origin must be three finite numbers'),
+    ({'origin': '[0.0, 0.0, 90.0]'}, 'in degrees'),
     ({'origin': 7}, 'map.yaml'),
     ({'mode': 'colour'}, "mode 'colour' is none of"),
     ({'free_thresh': 0.9}, 'thresholds must rise'),
