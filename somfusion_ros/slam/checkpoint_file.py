@@ -15,7 +15,7 @@ from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_reader import assemble
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.free_space import Outline
-from somfusion_ros.slam.journal import Journal, packed
+from somfusion_ros.slam.journal import Journal, open_file, Opener, packed
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
 
@@ -26,11 +26,11 @@ LEAST = 1 << 22  # [bytes] below which it is not
 class CheckpointFile:
     """A file that this process keeps its checkpoints in; raises JournalInUse, OSError."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, opened: Opener = open_file) -> None:
         self.path = Path(path).expanduser()
         if self.path.is_dir():
             raise IsADirectoryError(f'{self.path} is a directory')
-        self._journal = Journal(self.path)
+        self._journal = Journal(self.path, opened)
         self._whole = 0                # length [bytes] of the file when it was written anew
         self._forget()
 

@@ -10,6 +10,7 @@ from weakref import ref
 
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import CheckpointFile
+from somfusion_ros.slam.journal import open_file, Opener
 from somfusion_ros.slam.slam import Slam
 
 
@@ -22,8 +23,8 @@ class CheckpointKeeper:
     """
 
     def __init__(self, path: str, interval: float, count: Callable[..., None],
-                 say: Callable[[str], Any]) -> None:
-        self._file = CheckpointFile(Path(path)) if path else None
+                 say: Callable[[str], Any], opened: Opener = open_file) -> None:
+        self._file = CheckpointFile(Path(path), opened) if path else None
         self._interval, self._count, self._say = interval, count, say
         self._lock = Lock()           # of the file: a reset waits for a write, and is not undone
         self._due = 0.0

@@ -8,13 +8,13 @@ skipped, and reading goes on at the next marker; whatever the damage, the rest i
 would do the writing, but has no checksums: one flipped bit in an inner page loses a table.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import fcntl
 import os
 from pathlib import Path
 import struct
 from types import TracebackType
-from typing import BinaryIO
+from typing import BinaryIO, cast
 import zlib
 
 import numpy as np
@@ -24,6 +24,7 @@ MARKER = b'\xf5SOMj\x01\r\n'           # begins every record; its sixth byte is 
 HEAD = struct.Struct('<8s4sII')        # marker, kind, length of the payload, checksum
 LONGEST = 1 << 28                      # [bytes] of a payload; a longer one is damage
 DAMAGED = (ValueError, KeyError, IndexError, TypeError, OverflowError, struct.error)
+Opener = Callable[[Path, str], BinaryIO]
 
 
 class JournalInUse(OSError):
@@ -87,15 +88,21 @@ def records(data: bytes) -> Iterator[tuple[str, dict[str, Array]]]:
         at = start + HEAD.size + length
 
 
+def open_file(path: Path, mode: str) -> BinaryIO:
+    """Open a file of bytes."""
+    return cast(BinaryIO, path.open(mode))
+
+
 class Journal:
     """
     A journal that this process appends to; one process at a time.
 
-    Raises JournalInUse where another one has it.
+    opened: what opens the file, so that a simulated disk can fail. Raises JournalInUse where
+    another one has it.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, opened: Opener = open_file) -> None:
+        self.path, self._opened = path, opened
         path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = open(path.with_name(f'{path.name}.lock'), 'ab')
         try:
@@ -124,7 +131,7 @@ class Journal:
     def append(self, data: bytes) -> None:
         """Append records, and wait until the disk has them; undo what it took where it is full."""
         if self._file is None:
-            self._file = self.path.open('ab')
+            self._file = self._opened(self.path, 'ab')
         end = self._file.tell()
         try:
             self._file.write(data)
@@ -139,7 +146,7 @@ class Journal:
         """Replace the whole file in one step: it is the old one or the new, whatever happens."""
         self._close_file()
         beside = self.path.with_name(f'{self.path.name}.new')
-        with beside.open('wb') as file:
+        with self._opened(beside, 'wb') as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

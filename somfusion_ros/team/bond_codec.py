@@ -65,6 +65,8 @@ def decode_bonds(data: bytes, author: str) -> list[ToldBond]:
         raise ValueError('too many bonds or matches')
     if any(row[0] != author or row[0] >= row[1] for row in rows):
         raise ValueError(f'{author} tells a bond that is not its own')
+    if len({row[1] for row in rows}) < len(rows):
+        raise ValueError(f'{author} tells two bonds with one robot')
     rest, bonds = data[SIZE.size + size:], []
     for a, b, first, second, count in rows:
         found = []

@@ -64,7 +64,8 @@ class ElasticSession:
         self._solved_epochs: dict[str, Epoch] = {}
         self._solved: dict[str, Array] = {}
         self._hurried = False     # the whole is still to be solved for what is known
-        self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw)
+        self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw,
+                                     say)
         self._solved_views: dict[str, ViewSet] = {}
         self._last_heard: dict[str, bytes] = {}
         self._due = self._whole_due = 0.0
@@ -149,8 +150,9 @@ class ElasticSession:
             self._glide.aim({}, None)
             self._solved_for = None
             return
-        key = ({name: id(one) for name, one in views.items()}, anchor,
-               sorted((bond.target, bond.source, bond.matches) for bond in bonds))
+        world = {name: Pose(*np.round(world[name], TUNING.digits)) for name in views}
+        key = ({name: id(one) for name, one in views.items()}, anchor, world,
+               {(bond.target, bond.source): bond.matches for bond in bonds})
         group = anchor, tuple((name, str(epochs[name])) for name in sorted(views))
         if anchor != self._anchor:
             self._solved_for, self._anchor = None, anchor      # all lies elsewhere now

@@ -8,7 +8,7 @@ all robots that know the same pairs agree on it without a vote.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +86,7 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     _check(names, said)
     voices, dropped = one_voice_each(said)
     while True:
-        solution = _place(names, voices)
+        solution = _place(names, voices, Counter(one.constraint.author for one in dropped))
         dropped += solution.dropped
         wrong = Counter(one.constraint.author for one in solution.dropped)
         liars = {author for author, count in wrong.items() if author and count > CONTRADICTIONS}
@@ -98,8 +98,13 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
         voices = [one for one in voices if one.author not in liars]
 
 
-def _place(names: list[str], voices: Sequence[MapConstraint]) -> Solution:
-    """Solve every connected group; stop leaving out where one author is wrong too often."""
+def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str, int]
+           ) -> Solution:
+    """
+    Solve every connected group; stop leaving out where one author is wrong too often.
+
+    wrong: how often each author has contradicted itself.
+    """
     groups: list[dict[str, Pose]] = []
     covariances: dict[str, Array] = {}
     dropped: list[Dropped] = []
@@ -108,8 +113,8 @@ def _place(names: list[str], voices: Sequence[MapConstraint]) -> Solution:
     while left:
         members = [names[i] for i in component(len(names), pairs, names.index(left[0]))]
         inside = [one for one in voices if one.target in members]
-        estimate, wrong = _consistent(members, inside)
-        dropped += wrong
+        estimate, left_out = _consistent(members, inside, wrong)
+        dropped += left_out
         groups.append({m: Pose.from_array(p) for m, p in zip(members, estimate.poses)})
         covariances |= dict(zip(members, estimate.covariances))
         left = [name for name in left if name not in members]
@@ -135,17 +140,19 @@ def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDA
                     dtype=np.intp).reshape(-1, 2)
 
 
-def _consistent(members: list[str],
-                constraints: list[MapConstraint]) -> tuple[Estimate, list[Dropped]]:
+def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Mapping[str, int]
+                ) -> tuple[Estimate, list[Dropped]]:
     """Solve one connected group, dropping constraints until the cycles agree."""
     graph = PoseGraph(len(members), _numbered(members, constraints),
                       np.array([c.T_target_source for c in constraints]).reshape(-1, 3),
                       _information(constraints))
     constraints, estimate = list(constraints), optimise(graph)
     dropped: list[Dropped] = []
+    doubted = Counter(doubts)
     while _contradicts(graph, estimate):
-        worst = _worst_constraint(graph, constraints, estimate)
+        worst = _worst_constraint(graph, constraints, estimate, doubted)
         wrong = constraints.pop(worst)
+        doubted[wrong.author] += 1
         reason = (f'{wrong.target} - {wrong.source} ({wrong.kind}) contradicts the other accepted '
                   f'pairs: chi-square {estimate.chi2.sum():.1f} over {_gate(graph):.1f} among '
                   f'{", ".join(sorted(members)[:NAMED])}')
@@ -183,15 +190,16 @@ def _gate(graph: PoseGraph) -> float:
     return float(chdtri(freedom, 1.0 - TUNING.contradiction)) if freedom else np.inf
 
 
-def _worst_constraint(graph: PoseGraph, constraints: list[MapConstraint],
-                      estimate: Estimate) -> int:
+def _worst_constraint(graph: PoseGraph, constraints: list[MapConstraint], estimate: Estimate,
+                      doubted: Mapping[str, int]) -> int:
     """
     Find the constraint on a cycle without which the others agree best.
 
-    In a single cycle all do equally well: there the least probable constraint goes, then the least
-    known one.
+    In a single cycle all do equally well: there the word of the author goes that was wrong most
+    often, then the least probable constraint, then the least known one.
     """
     without = np.round(leave_one_out(graph, estimate), DIGITS)
     alike = np.flatnonzero(without == without.min()).tolist()
-    return min(alike, key=lambda number: (constraints[number].probability,
-                                          float(np.linalg.det(graph.information[number]))))
+    return min(alike, key=lambda number: (
+        -doubted.get(constraints[number].author, 0), constraints[number].probability,
+        float(np.linalg.det(graph.information[number]))))

@@ -26,6 +26,18 @@ class HearingTuning:
     sighting_tolerance: float = tuned(
         0.5, 's', 'a sighting counts only where a pose is known this near to its stamp; a robot '
         'at 1 m/s moves by half a metre in it', 'not measured')
+    longest_gap: float = tuned(
+        2.0, 's', 'between two poses with one between them; poses come every second', 'by design')
+    speed: float = tuned(
+        1.0, 'm/s, rad/s', 'sigma of a robot after its last pose; it only makes sightings less '
+        'sure', 'by design')
+    uneven: float = tuned(
+        0.25, '', 'share of the step between two poses that is its sigma in the middle, where the '
+        'robot is taken to go on evenly', 'by design')
+    stepped: float = tuned(
+        5.0, 's', 'a stamp that is so much older than the last is of a clock that was set back, '
+        'and one so far in the future of a clock that is ahead; a computer under load lags by '
+        'seconds', 'by design')
     name_taken: float = tuned(
         15.0, 's', 'a name is not trusted for this time after two robots were heard under it; '
         'longer than a state takes to be repeated', 'by design')
@@ -44,7 +56,11 @@ class TimedPose(NamedTuple):
 
 @dataclass
 class Heard:
-    """What was heard of one robot: times [s] of a steady clock, bytes by channel, recent poses."""
+    """
+    What was heard of one robot: times [s] of a steady clock, bytes by channel, recent poses.
+
+    ahead [s]: by how much at least its clock is ahead of the listener's, 0 where it is not.
+    """
 
     at: float = float('-inf')
     map_at: float = float('-inf')
@@ -53,6 +69,8 @@ class Heard:
     poses: deque[TimedPose] = field(default_factory=lambda: deque(maxlen=POSES_KEPT))
     trail: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRAIL_KEPT))
     taken_until: float = float('-inf')
+    posed_at: float = float('-inf')
+    ahead: float = 0.0
     _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     _number: int = -1
 
@@ -94,24 +112,40 @@ class Heard:
         self.trail.clear()
 
     def add_pose(self, item: TimedPose) -> None:
-        """Keep a pose, and where the robot has been."""
+        """Keep a pose, and where the robot has been; those of before its clock was set back go."""
+        if self.poses and item.stamp < self.poses[-1].stamp - TUNING.stepped:
+            self.poses.clear()
         self.poses.append(item)
         here = item.pose.x, item.pose.y
         if not self.trail or np.hypot(*np.subtract(here, self.trail[-1])) >= TUNING.trail_step:
             self.trail.append(here)
 
+    def future(self, stamp: float, now: float) -> float:
+        """Return how far [s] in the robot's future a stamp [s] is; 0 where it may be past."""
+        poses = list(self.poses)
+        if not poses or now - self.posed_at > TUNING.sighting_tolerance:
+            return 0.0      # it does not know its own time
+        ahead = stamp - poses[-1].stamp - (now - self.posed_at)
+        return ahead if ahead > TUNING.stepped else 0.0
+
     def pose_at(self, stamp: float) -> TimedPose | None:
-        """Return T_map_base at a stamp [s], between poses or the nearest; None if none is near."""
+        """
+        Return T_map_base at a stamp [s], between poses or the nearest; None if none is near.
+
+        The nearest is known the worse the farther it is.
+        """
         poses = list(self.poses)   # in one step: another thread adds to them
         after = [item for item in poses if item.stamp >= stamp]
         before = [item for item in poses if item.stamp <= stamp]
         last = max(before, key=lambda item: item.stamp, default=None)
         first = min(after, key=lambda item: item.stamp, default=None)
-        if last and first and first.stamp - last.stamp <= 4.0 * TUNING.sighting_tolerance:
+        if last and first and first.stamp - last.stamp <= TUNING.longest_gap:
             return _interpolate(last, first, stamp)
         best = min(poses, key=lambda item: abs(item.stamp - stamp), default=None)
-        near = best is not None and abs(best.stamp - stamp) <= TUNING.sighting_tolerance
-        return best if near else None
+        if best is None or abs(best.stamp - stamp) > TUNING.sighting_tolerance:
+            return None
+        moved = TUNING.speed * abs(best.stamp - stamp)
+        return _less_sure(best, moved, moved)
 
     def knows(self, stamp: float) -> bool:
         """Return whether a pose as new as a stamp [s] has come."""
@@ -123,7 +157,16 @@ def _interpolate(last: TimedPose, first: TimedPose, stamp: float) -> TimedPose:
     span = first.stamp - last.stamp
     share = (stamp - last.stamp) / span if span > 0 else 0.0
     step = share * between(last.pose, first.pose)
-    return TimedPose(stamp, Pose.from_array(compose(last.pose, step)), last.covariance)
+    between_them = TimedPose(stamp, Pose.from_array(compose(last.pose, step)), last.covariance)
+    x, y, theta = between(last.pose, first.pose)
+    sigma = 4.0 * share * (1.0 - share) * TUNING.uneven * np.array([np.hypot(x, y), theta])
+    return _less_sure(between_them, *sigma)
+
+
+def _less_sure(item: TimedPose, sigma_xy: float, sigma_theta: float) -> TimedPose:
+    """Add sigmas [m] [rad] to a pose."""
+    more = np.diag([sigma_xy, sigma_xy, sigma_theta]) ** 2
+    return item._replace(covariance=item.covariance + more)
 
 
 def from_sighting(own: TimedPose, T_base_peer: Pose, covariance: Array,

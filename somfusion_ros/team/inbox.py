@@ -93,8 +93,20 @@ class Inbox:
         except ValueError as error:
             self._count(f'pose_of_{robot}_unusable', str(error))
             return
+        self._compare_clocks(robot, item.stamp)
         if epoch is None or epoch == self._session.epoch_of(robot):
             heard.add_pose(item)
+
+    def _compare_clocks(self, robot: str, stamp: float) -> None:
+        """Note where a peer's clock is ahead of the robot's own: its poses do not fit in time."""
+        heard, now = self.heard[robot], self._clock()
+        if robot == self.name:
+            heard.posed_at = now
+            return
+        heard.ahead = self.heard[self.name].future(stamp, now)
+        if heard.ahead:
+            self._count(f'clock_of_{robot}_ahead', f'by {heard.ahead:.0f} s; it cannot be used in '
+                        'sightings')
 
     def keep_transform(self, owner: str, peer: str, message: Any,
                        read: Callable[[Any], tuple[Pose, Array]]) -> None:

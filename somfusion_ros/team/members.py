@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import inverse, Pose
 from somfusion_ros.grid import Grid
@@ -184,8 +185,9 @@ class Team:
             held = pair.held
             if held is not None and held.T_target_source is not None:
                 target, source = sorted((self.name, peer))
+                P = np.triu(held.covariance) + np.triu(held.covariance, 1).T   # as it is told
                 constraints.append(self._own(MapConstraint(
-                    target, source, held.T_target_source, held.covariance, pair.probability)))
+                    target, source, held.T_target_source, P, pair.probability)))
         return constraints
 
     def own_transforms(self) -> dict[str, Pose]:

@@ -59,9 +59,10 @@ class Sightings:
                 self._waiting.append(sighting)
                 continue
             own, peer = (heard and heard.pose_at(sighting.stamp) for heard in pair)
-            if own and peer and sighting.peer != self._name:
+            ahead = any(heard and heard.ahead for heard in pair)
+            if own and peer and not ahead and sighting.peer != self._name:
                 self._take(MapConstraint(self._name, sighting.peer, *from_sighting(
                     own, sighting.T_base_peer, sighting.covariance, peer), kind='sighting'))
             else:
                 self._count('encounters_unusable', f'no pose of {self._name} or of '
-                            f'{sighting.peer!r} at {sighting.stamp:.3f} s')
+                            f'{sighting.peer!r} at {sighting.stamp:.3f} s, or clocks that differ')

@@ -28,6 +28,8 @@ HEAD = struct.Struct('<BBB')      # version, letters of the epoch and of the tel
 FACT = struct.Struct('<BH')       # kind, bytes
 MOST_BYTES = 40_000_000           # of one robot's facts: ten kilometres of driving
 LARGEST_BATCH = 4_000_000         # [bytes]
+FEW = {LOOP: 256, SCAN: 1024}     # facts that a robot may tell of its path, and so many
+EACH = {LOOP: 16, SCAN: 64}       # more per view: a robot that turns on the spot tells 32 scans
 
 
 def encode_batch(epoch: Epoch, telling: str, facts: Facts) -> bytes:
@@ -94,6 +96,9 @@ class ViewStore:
             self.epoch, self._telling = epoch, telling
         wrong, before = '', self.bytes
         for kind, fact in facts:
+            if self._full(kind):
+                wrong = f'over {self._most(kind)} facts of one kind for {self._count} views'
+                break
             try:
                 self._add(kind, fact)
             except ValueError as error:
@@ -103,6 +108,21 @@ class ViewStore:
             self.batches.append(data)
         if wrong:
             raise ValueError(wrong)
+
+    @property
+    def _count(self) -> int:
+        """Views that came."""
+        return len(self._chain) + len(self._waiting)
+
+    def _most(self, kind: int) -> int:
+        """Return how many facts of a kind so many views may have."""
+        few, each = FEW[kind], EACH[kind]
+        return few + each * self._count
+
+    def _full(self, kind: int) -> bool:
+        """Return whether there are as many facts of a kind as there may be."""
+        held = {LOOP: self._loops, SCAN: self._scans}.get(kind, ())
+        return bool(held) and len(held) >= self._most(kind)
 
     def _add(self, kind: int, fact: bytes) -> None:
         """Add a fact that is new."""

@@ -10,19 +10,28 @@ from collections.abc import Callable, Sequence
 from hashlib import blake2b
 
 import numpy as np
-from somfusion_ros.simulation.chaos.faults import choose, Fault, LAST
+from somfusion_ros.geometry import between, compose, Pose
+from somfusion_ros.simulation.chaos.faults import choose, Fault, LAST, NETWORK
 from somfusion_ros.simulation.chaos.invariants import Invariants
 from somfusion_ros.simulation.chaos.liar import Liar
 from somfusion_ros.simulation.chaos.matching import Matching
-from somfusion_ros.simulation.chaos.network import Conditions, Network
-from somfusion_ros.simulation.chaos.records import Outcome, Robot
-from somfusion_ros.simulation.chaos.station import Clock, Station, world_of
+from somfusion_ros.simulation.chaos.network import Network
+from somfusion_ros.simulation.chaos.records import Clock, Outcome
+from somfusion_ros.simulation.chaos.robot import Robot
+from somfusion_ros.simulation.chaos.station import Station, world_of
+from somfusion_ros.simulation.chaos.striking import Striking, worsened
 from somfusion_ros.simulation.chaos.tapes import Tape
-from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.channels import POSE
+from somfusion_ros.team.config import TeamConfig
 
 TICK = 0.5           # [s] of simulated time between two steps
-SETTLED = 30.0       # [s] after the last fault in which all must agree
+SETTLED = 30.0       # [s] after the last fault, or the last new map, in which all must agree
 LOOK = 2.0           # [s] between two looks at who is there
+DRAWN = 4            # of so many teams one really draws its views, which takes long
+KNOWING = 0.15       # share of the teams whose start poses are given,
+SEEING = 0.5         # and of those whose robots see one another,
+SIGHT = 4.0          # [m] within which they do, and with
+SIGMAS = np.array([0.05, 0.05, 0.02])    # [m, m, rad]
 
 
 class Team:
@@ -31,22 +40,32 @@ class Team:
     def __init__(self, seed: int, faults: Sequence[Fault] | None, tapes: Sequence[Tape],
                  matching: Matching) -> None:
         rng = np.random.default_rng(seed)
-        self._tapes, self._matching = tapes, matching
+        self._matching, self._seed = matching, seed
+        matching.draws = seed % DRAWN == 0
         self.network = Network(np.random.default_rng([seed, 1]))
         self._rng = np.random.default_rng([seed, 2])
         names = [f'robot{k + 1}' for k in range(int(rng.integers(2, 4)))]
         here = [tape for tape in tapes if tape.place == tapes[0].place]
         self.robots = {name: Robot(name, here[k % len(here)], Clock(
-            float(rng.uniform(0.999, 1.001)), float(rng.uniform(0, 1e5))))
+            float(rng.uniform(0.99998, 1.00002)), float(rng.uniform(0, 1e5))))
             for k, name in enumerate(names)}
         self.faults = choose(names, rng) if faults is None else list(faults)
         self.liars: dict[str, Liar] = {}
         self.outcome = Outcome(seed, self.faults)
         self._invariants = Invariants(self.robots, self.outcome)
-        self._seed = seed
+        self._striking = Striking(tapes, seed, self.outcome)
+        self._sees = self._rng.random() < SEEING
+        self._given = self._poses_given() if self._rng.random() < KNOWING else TeamConfig()
         for robot in self.robots.values():
-            self._begin(robot, 0.0)
+            self._striking.begin(robot, 0.0, robot.tape)
+        for robot in self.robots.values():
             self._start(robot)
+
+    def _poses_given(self) -> TeamConfig:
+        """Return the configuration of a team whose start poses are known."""
+        return TeamConfig(known_init_poses=True, initial_poses=tuple(
+            ' '.join([robot.name, *(f'{number:.3f}' for number in robot.tape.T_place_map)])
+            for robot in self.robots.values()))
 
     def run(self) -> Outcome:
         """Run to the end, and check all along."""
@@ -54,7 +73,7 @@ class Team:
             (min(fault.at + fault.lasts, LAST), k, False) for k, fault in enumerate(self.faults)]
         todo.sort()
         now, looked = 0.0, -LOOK
-        while now < LAST + SETTLED and not self.outcome.broken:
+        while now < self._last_change() + SETTLED and not self.outcome.broken:
             now += TICK
             while todo and todo[0][0] <= now:
                 _, k, begins = todo.pop(0)
@@ -66,7 +85,13 @@ class Team:
         self.outcome.seconds, self.outcome.digest = now, self._digest()
         if not self.outcome.broken:
             self._invariants.agreement()
+            self._invariants.said()
         return self.outcome
+
+    def _last_change(self) -> float:
+        """Return when the last fault is mended [s] and the last drive has ended."""
+        return max(LAST, *(robot.started + robot.tape.map_times[-1]
+                           for robot in self.robots.values()))
 
     def _digest(self) -> bytes:
         """Return bytes that only a run of the same words, poses and maps has."""
@@ -75,6 +100,7 @@ class Team:
             if robot.station is not None:
                 found.update(repr((robot.station.words, sorted(world_of(robot.station).items()),
                                    sorted(robot.station.counts.items()))).encode())
+                robot.station.draw()
                 if robot.station.drawn is not None:
                     found.update(robot.station.drawn.evidence.tobytes())
         return found.digest()
@@ -85,17 +111,22 @@ class Team:
             for one in self.network.deliver(now):
                 if one.listener in self.liars:
                     self.liars[one.listener].hear(one)
-                else:
-                    station = self.robots[one.listener].station
-                    if station is not None:
-                        station.hear(one)
+                    continue
+                station = self.robots[one.listener].station
+                if station is not None:
+                    station.hear(one)
+                    if one.sender not in self.liars:
+                        if one.channel == POSE:
+                            self._invariants.timed(station, one, now)
+                    else:
+                        self._invariants.lied(station, self.liars[one.sender].kind, one)
             for liar in self.liars.values():
                 liar.work(now)
             for robot in self.robots.values():
                 if robot.station is not None and not robot.off:
-                    robot.station.map_of(robot.tape, robot.epoch, now - robot.started)
+                    robot.station.follow(robot.playing(now), now)
                     robot.station.work(now)
-                    self._invariants.accepted(robot)
+                    self._invariants.accepted(robot, now)
         except Exception as error:  # noqa: B902 (whatever is raised is a find)
             self.outcome.broken.append(f'{now:.1f} s: raised {error!r}')
 
@@ -109,65 +140,61 @@ class Team:
                 if other != robot.name and self.network.reaches(robot.name, other)}
             for other in sorted(robot.station.present):
                 robot.station.meet(other)
+            self._invariants.look(robot)
         for liar in self.liars.values():
             for robot in there:
                 liar.meet(robot.name, now)
+        if self._sees:
+            self._see(there, now)
 
-    def _begin(self, robot: Robot, now: float) -> None:
-        """Begin a map at the start of the robot's tape."""
-        robot.starts += 1
-        robot.epoch = Epoch(f'{self._seed:x}{robot.name[-1]}x{robot.starts}')
-        robot.started, robot.spoilt = now, False
+    def _see(self, there: Sequence[Robot], now: float) -> None:
+        """Let robots that are near one another see each other, now and then."""
+        for robot in there:
+            for other in there:
+                if robot is other or robot.spoilt or other.spoilt or (
+                        robot.tape.place != other.tape.place):
+                    continue
+                own, peer = (compose(one.tape.T_place_map, one.tape.pose_at(now - one.started))
+                             for one in (robot, other))
+                seen = between(own, peer)
+                if np.hypot(seen[0], seen[1]) < SIGHT and self._rng.random() < 0.5:
+                    noisy = seen + SIGMAS * self._rng.normal(size=3)
+                    assert robot.station is not None
+                    robot.station.see(other.name, Pose.from_array(noisy), np.diag(SIGMAS ** 2),
+                                      now)
 
     def _start(self, robot: Robot) -> None:
-        """Start a fusion node."""
+        """Start a fusion node; start poses are given as long as they are right."""
         robot.starts += 1
+        given = self._given if all(one.moved == 0 for one in self.robots.values()) else (
+            TeamConfig())
         robot.station = Station(robot.name, f'{self._seed:x}{robot.name[-1]}n{robot.starts}',
-                                self.network, self._matching, robot.clock)
+                                self.network, self._matching, robot.clock, given)
 
     def _strike(self, fault: Fault, now: float) -> None:
         """Let a fault happen."""
-        robot, conditions = self.robots[fault.robot], self.network.conditions
+        robot = self.robots[fault.robot]
         kind, _, lie = fault.kind.partition(': ')
         if kind == 'liar':
             name = f'{"az"[int(fault.size > 0.5)]}liar{len(self.liars)}'
             self.liars[name] = Liar(name, lie, self.network, self._rng)
-        elif kind == 'loss':
-            conditions.loss = 0.2 + 0.5 * fault.size
-        elif kind == 'delay':
-            conditions.delay, conditions.spread = fault.size, 2.0 * fault.size
-        elif kind == 'doubling':
-            conditions.doubling, conditions.spread = 0.4, 3.0 * fault.size
-        elif kind == 'slow link':
-            conditions.rate = 1200.0
-        elif kind == 'cut':
-            conditions.cut = frozenset({robot.name})
+        elif kind in NETWORK:
+            self.network.conditions = worsened(fault, self.network.conditions)
         elif kind in ('fusion crash', 'robot off'):
             self._stop(robot, kind == 'robot off')
-        elif kind == 'slam restart elsewhere':
-            others = [tape for tape in self._tapes if tape.place != robot.tape.place]
-            robot.tape = others[int(fault.size * len(others))]
-            self._begin(robot, now)
-        elif kind in ('slam restart without state', 'reset'):
-            here = [tape for tape in self._tapes if tape.place == robot.tape.place]
-            robot.tape = here[int(fault.size * len(here))]
-            self._begin(robot, now)
-        elif kind == 'kidnapped':
-            others = [tape for tape in self._tapes if tape is not robot.tape]
-            robot.tape, robot.spoilt = others[int(fault.size * len(others))], True
-        elif kind == 'clock step':
-            robot.clock.step += 7200.0 * (fault.size - 0.5)
+        else:
+            self._striking.strike(fault, robot, now)
 
     def _mend(self, fault: Fault, now: float) -> None:
         """Let a fault end."""
         robot = self.robots[fault.robot]
-        if fault.kind in ('loss', 'delay', 'doubling', 'slow link', 'cut'):
-            self.network.conditions = Conditions()
+        if fault.kind in NETWORK:
+            self.network.recover(now)
         elif fault.kind in ('fusion crash', 'robot off') and robot.station is None:
             robot.off = False
             self._start(robot)
         elif fault.kind == 'kidnapped' and robot.spoilt:
-            self._begin(robot, now)     # somebody noticed, and reset its map
+            self._striking.begin(robot, now, robot.tape)     # somebody noticed, and reset its map
         elif fault.kind.startswith('liar') and self.liars:
             name = sorted(self.liars)[0]
             self.network.leave(name)

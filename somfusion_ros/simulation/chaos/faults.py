@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from somfusion_ros.simulation.chaos.disk import KINDS as DAMAGE
 from somfusion_ros.simulation.chaos.liar import KINDS as LIES
 
 NETWORK = ('loss', 'delay', 'doubling', 'slow link', 'cut')
 ROBOT = ('fusion crash', 'robot off', 'slam restart elsewhere', 'slam restart with state',
-         'slam restart without state', 'reset', 'kidnapped', 'clock step')
-KINDS = (*NETWORK, *ROBOT, *(f'liar: {kind}' for kind in LIES))
+         'slam restart without state', 'reset', 'kidnapped', 'carried off and found', 'clock step',
+         'clock drift')
+DISK = tuple(f'disk {kind}' for kind in DAMAGE if kind)
+KINDS = (*NETWORK, *ROBOT, *DISK, *(f'liar: {kind}' for kind in LIES))
 LAST = 70.0      # [s] at which the last fault is mended
 FIRST = 8.0      # [s] of the first one
 

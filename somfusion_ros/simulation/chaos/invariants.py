@@ -2,19 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """What must hold of a team whatever happens, and how to tell."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import between, Pose, wrap
 from somfusion_ros.grid import Grid
-from somfusion_ros.simulation.chaos.records import Outcome, Robot
+from somfusion_ros.simulation.chaos.network import Delivery
+from somfusion_ros.simulation.chaos.records import Outcome
+from somfusion_ros.simulation.chaos.robot import Robot
 from somfusion_ros.simulation.chaos.station import Station, world_of
 from somfusion_ros.simulation.chaos.tapes import Tape
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.channels import MAP, POSE, STATE, VIEWS
+from somfusion_ros.team.heard import TUNING as CLOCKS
 
 EQUAL = 0.999        # share of the known cells in which all global maps must agree
 SURE = 3.5           # sigmas, and
 NEAR = 0.5           # [m] within which an accepted transform must be
+BENT = 1.0           # [m] within which views must leave it,
+PATIENCE = 15.0      # [s] after which they must: what is shown moves in steps
+FAR = 1e5            # [m] from where on a pose is absurd
 HALF = 0.5           # of evidence; cells that differ by less say the same
+# What a station must count once it heard a lie of a kind on a channel.
+SHOWN = {('garbage', STATE): 'state_of_{}_unusable', ('walls', MAP): 'map_of_{}_unusable',
+         ('views', VIEWS): 'views_of_{}_unusable',
+         ('poses', POSE): 'pose_of_{}_unusable'}
+# What a station may hold at most of a team of three and two liars.
+MOST = {'bytes of views': 2 * 10 ** 6, 'robots': 80, 'dropped': 5 * 256, 'departed': 64,
+        'counted': 64, 'cells': 5 * 10 ** 6}
 
 
 class Invariants:
@@ -22,22 +38,108 @@ class Invariants:
 
     def __init__(self, robots: Mapping[str, Robot], outcome: Outcome) -> None:
         self._robots, self._outcome = robots, outcome
+        self._verdicts: dict[tuple[Station, str], Alignment] = {}
+        self._epochs: dict[tuple[Station, str], Epoch] = {}
+        self._wrong_since: dict[tuple[Station, str, str], float] = {}
 
-    def accepted(self, robot: Robot) -> None:
-        """Check that what two honest robots accept now is true."""
-        assert robot.station is not None
-        for c in robot.station.session.snapshot.constraints:
-            pair = [self._robots.get(name) for name in c.robots]
-            if any(one is None or one.spoilt or one.epoch != epoch
-                   for one, epoch in zip(pair, c.epochs)):
+    def accepted(self, robot: Robot, now: float) -> None:
+        """Check that what two honest robots accept now is true, also as the views bend it."""
+        station = robot.station
+        assert station is not None
+        snapshot = station.session.snapshot
+        left_out = {d.constraint.robots for d in snapshot.solution.dropped}
+        for c in snapshot.constraints:
+            pair = self._good(c.robots, c.epochs)
+            if pair is None:
                 continue
-            target, source = (one for one in pair if one is not None)
             self._outcome.accepted += 1
-            wrong = error_of(c.T_target_source, target.tape, source.tape)
+            wrong = error_of(c.T_target_source, *pair)
             sigma = np.sqrt(np.trace(c.covariance[:2, :2]))
             if wrong > max(NEAR, SURE * sigma):
-                self._outcome.broken.append(
-                    f'{robot.name} accepted {c.target} - {c.source}, off by {wrong:.2f} m')
+                self._broken(f'{robot.name} accepted {c.target} - {c.source}, off by '
+                             f'{wrong:.2f} m ({c.kind})')
+            if c.kind == 'match' and c.robots not in left_out:
+                self._bent(station, c.robots, pair, now)
+        for peer, verdict in snapshot.verdicts.items():
+            if self._verdicts.get((station, peer)) is not verdict:
+                self._verdicts[station, peer] = verdict
+                self._judge(station, peer, verdict)
+
+    def _bent(self, station: Station, names: tuple[str, str], pair: tuple[Tape, Tape],
+              now: float) -> None:
+        """Check that two maps are shown where they are, within some time, as views bend them."""
+        key, placed = (station, *names), station.session.snapshot.placed
+        if not {*names} <= {*station.session.elastic.solved}:
+            self._wrong_since.pop(key, None)
+            return
+        self._outcome.bent += 1
+        off = error_of(Pose.from_array(between(*(placed[name] for name in names))), *pair)
+        if off <= BENT:
+            self._wrong_since.pop(key, None)
+        elif now - self._wrong_since.setdefault(key, now) > PATIENCE:
+            self._broken(f'{station.name} shows {" - ".join(names)}, off by {off:.2f} m, as views '
+                         'bend it')
+
+    def _good(self, names: Sequence[str], epochs: Sequence[Epoch | None]
+              ) -> tuple[Tape, Tape] | None:
+        """Return the tapes of two honest robots whose maps are good and of these epochs."""
+        pair = [self._robots.get(name) for name in names]
+        good = [one.tape for one, epoch in zip(pair, epochs)
+                if one is not None and not one.spoilt and one.epoch == epoch]
+        return (good[0], good[1]) if len(good) == 2 else None
+
+    def _judge(self, station: Station, peer: str, verdict: Alignment) -> None:
+        """Note how probable a pose was called, and whether it was right."""
+        names = sorted((station.name, peer))
+        pair = self._good(names, [station.session.epoch_of(name) for name in names])
+        if pair is not None and verdict.T_target_source is not None:
+            right = error_of(verdict.T_target_source, *pair) < NEAR
+            self._outcome.judged.append((verdict.probability, right))
+
+    def look(self, robot: Robot) -> None:
+        """Check that a station said which maps began anew, and that what it holds is bounded."""
+        station = robot.station
+        assert station is not None
+        session = station.session
+        for name in sorted({robot.name, *station.inbox.heard}):
+            epoch, before = session.epoch_of(name), self._epochs.get((station, name))
+            if epoch is None:
+                continue
+            self._epochs[station, name] = epoch
+            if before not in (None, epoch) and not any(
+                    word.startswith(f'{name} began another map') and f'({epoch})' in word
+                    for word in station.words):
+                self._broken(f'{robot.name} does not say that {name} began {epoch}')
+        held = station.held()
+        for what, most in MOST.items():
+            if held[what] > most:
+                self._broken(f'{robot.name} holds {held[what]} {what}')
+            self._outcome.counts[what] = max(self._outcome.counts[what], held[what])
+
+    def lied(self, station: Station, kind: str, one: Delivery) -> None:
+        """Note what a station must count, now that a liar told it something."""
+        shown = SHOWN.get((kind, one.channel))
+        if shown and (kind != 'poses' or one.message.payload[0].pose.x > FAR):
+            station.expected.add(shown.format(one.sender))
+
+    def timed(self, station: Station, one: Delivery, now: float) -> None:
+        """Note that a station must count a clock that is ahead of its own, as a pose shows it."""
+        ahead = one.message.payload[0].stamp - 1e-9 * station.clock.stamp(now)
+        if ahead > 2.0 * CLOCKS.stepped:
+            station.expected.add(f'clock_of_{one.sender}_ahead')
+
+    def said(self) -> None:
+        """Check that every station counted what it was to count."""
+        for robot in self._robots.values():
+            if robot.station is not None:
+                missing = {name for name in robot.station.expected
+                           if not robot.station.counts[name]}
+                if missing:
+                    self._broken(f'{robot.name} did not count {sorted(missing)}')
+
+    def _broken(self, text: str) -> None:
+        """Write down what is broken."""
+        self._outcome.broken.append(text)
 
     def agreement(self) -> None:
         """Check that all that can talk hold the same global map."""

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from somfusion_ros.geometry import Pose
 from somfusion_ros.simulation.chaos.network import Delivery, Network
+from somfusion_ros.simulation.chaos.view_lies import absurd_batches, bonds_with, stolen
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.channels import CHANGES, MAP, POSE, STATE
+from somfusion_ros.team.channels import BONDS, CHANGES, MAP, POSE, STATE, VIEWS
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.heard import TimedPose
@@ -18,7 +19,7 @@ from somfusion_ros.team.shared_map import MapCells
 from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState
 
 KINDS = ('garbage', 'wrong pairs', 'ghosts', 'absent robots', 'walls', 'free everywhere', 'replay',
-         'flicker', 'poses')
+         'flicker', 'poses', 'views', 'bonds')
 GOOD = np.diag([1e-4, 1e-4, 1e-6])
 PERIOD = 2.0      # [s] between two lies
 EPOCH = Epoch('11a7', 0)
@@ -32,15 +33,19 @@ class Liar:
         self._network, self._rng, self._number = network, rng, 0
         self._heard: dict[str, TeamState] = {}
         self._old: list[tuple[str, Any, int]] = []
+        self._views: dict[str, list[bytes]] = {}
         self._due = 0.0
 
     def meet(self, robot: str, now: float) -> None:
         """Listen to a robot."""
-        self._network.subscribe(self.name, robot, STATE, now)
+        for channel in (STATE, VIEWS) if self.kind == 'bonds' else (STATE,):
+            self._network.subscribe(self.name, robot, channel, now)
 
     def hear(self, one: Delivery) -> None:
         """Remember what a robot says."""
-        if one.channel == STATE:
+        if one.channel == VIEWS:
+            self._views.setdefault(one.sender, []).append(one.message.payload)
+        elif one.channel == STATE:
             try:
                 self._heard[one.sender] = decode_state(one.message.payload)
             except ValueError:
@@ -56,7 +61,7 @@ class Liar:
         {'garbage': self._garbage, 'wrong pairs': self._wrong, 'ghosts': self._ghosts,
          'absent robots': self._absent, 'walls': self._walls, 'replay': self._replay,
          'free everywhere': self._free, 'flicker': self._flicker, 'poses': self._poses,
-         }[self.kind](now)
+         'views': self._absurd_views, 'bonds': self._bonds}[self.kind](now)
 
     def _state(self, now: float, **parts: Any) -> None:
         """Say a state."""
@@ -98,6 +103,7 @@ class Liar:
             for robot in gone))
 
     def _walls(self, now: float) -> None:
+        self._wrong(now)
         self._map(now, np.full((900, 900), 100, np.int8))
 
     def _free(self, now: float) -> None:
@@ -109,7 +115,6 @@ class Liar:
         """Say a map."""
         encoder = MapEncoder()
         encoder.encode(MapCells(cells, 0.05, Pose()), EPOCH)
-        self._state(now)
         self._network.publish(self.name, MAP, encoder.key, len(encoder.key), now)
 
     def _replay(self, now: float) -> None:
@@ -126,3 +131,20 @@ class Liar:
         self._state(now)
         for pose in (self._pose(), Pose(float('nan'), 0.0, 0.0), Pose(1e300, 0.0, 0.0)):
             self._network.publish(self.name, POSE, (TimedPose(now, pose, GOOD), EPOCH), 400, now)
+
+    def _absurd_views(self, now: float) -> None:
+        self._wrong(now)
+        for batch in absurd_batches(EPOCH, self._rng):
+            self._network.publish(self.name, VIEWS, batch, len(batch), now, log=True)
+
+    def _bonds(self, now: float) -> None:
+        """Take a robot's views for its own, and bend everybody."""
+        self._wrong(now)
+        for robot in sorted(self._views)[:1]:
+            for batch in self._views[robot]:
+                mine = stolen(batch, EPOCH)
+                self._network.publish(self.name, VIEWS, mine, len(mine), now, log=True)
+            self._views[robot] = []
+        epochs = {robot: state.epoch or EPOCH for robot, state in self._heard.items()}
+        data = bonds_with(self.name, EPOCH, epochs, self._rng, int(self._rng.integers(1, 3)))
+        self._network.publish(self.name, BONDS, data, len(data), now)

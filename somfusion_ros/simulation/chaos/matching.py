@@ -7,9 +7,11 @@ A campaign replays the same few maps in ever new orders: what was matched once n
 The result is that of the real matcher, to the last bit.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from somfusion_ros.fusion.alignment import align, Alignment
@@ -17,20 +19,29 @@ from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learning import learn
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.team.bond import Bond
+from somfusion_ros.team.bond_codec import ToldBond
+from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.screening import outline, screen, Screening
 from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.view_set import ViewSet
 
-LARGEST = 20000    # results that are remembered
+LARGEST = 20000    # results that are remembered,
+DRAWINGS = 200     # and maps that were drawn of views
 
 
 class Matching(Matchers):
     """The matchers of a session, with a memory that all sessions of a campaign share."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[Any, ...], Any] = {}
+        self.known: dict[tuple[Any, ...], Any] = {}
+        self._drawn: dict[tuple[Any, ...], Grid] = {}
+        self._digests: WeakKeyDictionary[ViewSet, bytes] = WeakKeyDictionary()
         self.asked = self.done = 0
+        self.draws = True    # views; else what is drawn of the same ones is only the same
 
     def align(self, target: Grid, source: Grid, config: FusionConfig,
               cache: FusionCache) -> Alignment:
@@ -55,15 +66,93 @@ class Matching(Matchers):
                                          lambda: outline(session.learned_own()))
         return found
 
+    def bond(self, views: Mapping[str, ViewSet], target: str, source: str, T_target_source: Pose
+             ) -> Bond:
+        """Ask the views of two robots about a pose; their names play no part in the answer."""
+        key = 'bond', self._of(views[target]), self._of(views[source]), tuple(T_target_source)
+        pair = {'a': views[target], 'b': views[source]}
+        found = self._remember(key, lambda: super(Matching, self).bond(
+            pair, 'a', 'b', T_target_source))
+        return _renamed(found, target, source)
+
+    def rival(self, bond: Bond, views: Mapping[str, ViewSet], T_target_source: Pose
+              ) -> Bond | None:
+        """Ask the views of a pair about another pose."""
+        pair = {'a': views[bond.target], 'b': views[bond.source]}
+        key = ('rival', *map(self._of, pair.values()), tuple(T_target_source), _told(bond.matches))
+        found = self._remember(key, lambda: super(Matching, self).rival(
+            _renamed(bond, 'a', 'b'), pair, T_target_source))
+        return None if found is None else _renamed(found, *bond.pair)
+
+    def join(self, views: Mapping[str, ViewSet], world: Mapping[str, Pose],
+             bonds: Sequence[ToldBond], anchor: str) -> dict[str, Array]:
+        """Solve a team's problem."""
+        key = ('join', anchor, *((name, self._of(views[name]), *world[name])
+                                 for name in sorted(views)),
+               *sorted((bond.target, bond.source, _told(bond.matches)) for bond in bonds))
+        found: dict[str, Array] = self._remember(key, lambda: super(Matching, self).join(
+            views, world, bonds, anchor))
+        return found
+
+    def draw(self, views: Mapping[str, ViewSet], poses: Mapping[str, Array], resolution: float
+             ) -> Grid:
+        """Draw a team's views, or what is the same where they are."""
+        key = tuple((name, self._of(views[name]), poses[name].tobytes()) for name in sorted(poses))
+        if key not in self._drawn:
+            if len(self._drawn) >= DRAWINGS:
+                self._drawn.clear()
+            self._drawn[key] = super().draw(views, poses, resolution) if self.draws else _sign(
+                key, resolution)
+        return self._drawn[key]
+
+    def _of(self, views: ViewSet) -> bytes:
+        """Return bytes that no other views have."""
+        if views not in self._digests:
+            made = blake2b(digest_size=16)
+            for array in (views.stamps, views.poses,
+                          *(part for c in (*views.steps, *views.loops) for part in (c.z, c.R)),
+                          np.array([(c.first, c.second) for c in (*views.steps, *views.loops)]),
+                          *(part for cloud in views.clouds
+                            for part in (cloud.points, cloud.outline.ends)),
+                          *(part for scan in views.between
+                            for part in (scan.T_view_base, scan.outline.ends)),
+                          np.array([(scan.stamp, scan.view) for scan in views.between])):
+                made.update(np.ascontiguousarray(array).data)
+                made.update(b'|')
+            self._digests[views] = made.digest()
+        return self._digests[views]
+
     def _remember(self, key: tuple[Any, ...], work: Any) -> Any:
         """Return what came of a piece of work before, or do it."""
         self.asked += 1
-        if key not in self._known:
+        if key not in self.known:
             self.done += 1
-            if len(self._known) >= LARGEST:
-                self._known.clear()
-            self._known[key] = work()
-        return self._known[key]
+            if len(self.known) >= LARGEST:
+                self.known.clear()
+            self.known[key] = work()
+        return self.known[key]
+
+
+def _sign(key: tuple[Any, ...], resolution: float) -> Grid:
+    """Return a small map that is the same only for the same views at the same poses."""
+    found = blake2b(repr(key).encode(), digest_size=32).digest()
+    bits = np.unpackbits(np.frombuffer(found, np.uint8)).reshape(16, 16)
+    return Grid(np.where(bits, 1.0, -1.0), resolution)
+
+
+def _renamed(bond: Bond, target: str, source: str) -> Bond:
+    """Return a bond of two robots of other names."""
+    matches = tuple(replace(m, target=target, source=source) for m in bond.matches)
+    return replace(bond, target=target, source=source, matches=matches)
+
+
+def _told(matches: Sequence[InterMatch]) -> bytes:
+    """Return bytes that no other matches have."""
+    made = blake2b(digest_size=16)
+    for m in matches:
+        made.update(repr((m.target_view, m.source_view)).encode())
+        made.update(m.z.tobytes() + m.R.tobytes())
+    return made.digest()
 
 
 def digest(grid: Grid | None) -> bytes:

@@ -4,12 +4,13 @@
 A network that loses, delays, disorders and doubles what robots say, and falls apart.
 
 As over DDS, the newest message of every channel is repeated until it came through, and late
-joiners get it. Unlike there, an older one may still come after it.
+joiners get it; unlike there, an older one may still come after it. Of a log every message comes,
+in order, as DDS has it.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +23,8 @@ class Conditions:
     """
     How well the network works now.
 
-    loss and doubling: shares of the messages; delay and spread [s]; rate [bytes/s] of a robot;
-    cut: robots that reach only one another.
+    loss and doubling: shares of the messages; delay and spread [s]; rate [bytes/s] of all that a
+    robot sends; cut: robots that reach only one another.
     """
 
     loss: float = 0.0
@@ -61,6 +62,9 @@ class Network:
         self.sent_bytes = 0
         self._rng = rng
         self._latched: dict[tuple[str, str], Message] = {}
+        self._logs: dict[tuple[str, str], list[Message]] = {}
+        self._taken: dict[tuple[str, str, str], int] = {}    # of a log, by its listener
+        self._busy_until: dict[str, float] = {}
         self._listeners: dict[tuple[str, str], set[str]] = {}
         self._flying: list[Delivery] = []
         self._count = 0
@@ -70,10 +74,20 @@ class Network:
         cut = self.conditions.cut
         return (one in cut) == (other in cut)
 
-    def publish(self, sender: str, channel: str, payload: Any, size: int, now: float) -> None:
-        """Send a message to all that listen to a channel."""
+    def recover(self, now: float) -> None:
+        """Let the network work well again; what queued up at a slow link goes through at once."""
+        self.conditions = Conditions()
+        self._busy_until.clear()
+        self._flying = [one._replace(at=min(one.at, now + RETRY)) for one in self._flying]
+        heapify(self._flying)
+
+    def publish(self, sender: str, channel: str, payload: Any, size: int, now: float,
+                log: bool = False) -> None:
+        """Send a message to all that listen to a channel; of a log, all are kept for others."""
         message = Message(self._next(), payload, size)
         self._latched[sender, channel] = message
+        if log:
+            self._logs.setdefault((sender, channel), []).append(message)
         for listener in sorted(self._listeners.get((sender, channel), ())):
             self._send(listener, sender, channel, message, now)
 
@@ -82,8 +96,8 @@ class Network:
         listeners = self._listeners.setdefault((sender, channel), set())
         if listener not in listeners:
             listeners.add(listener)
-            message = self._latched.get((sender, channel))
-            if message is not None:
+            last = self._latched.get((sender, channel))
+            for message in self._logs.get((sender, channel), [last] if last else []):
                 self._send(listener, sender, channel, message, now)
 
     def listened(self, sender: str, channel: str) -> bool:
@@ -94,6 +108,10 @@ class Network:
         """Take a robot off the network: nobody repeats what it said, and it hears nothing."""
         for key in [key for key in self._latched if key[0] == robot]:
             del self._latched[key]
+            self._logs.pop(key, None)
+        self._taken = {key: taken for key, taken in self._taken.items() if robot not in key[:2]}
+        self._flying = [one for one in self._flying if robot not in (one.sender, one.listener)]
+        heapify(self._flying)
         for listeners in self._listeners.values():
             listeners.discard(robot)
 
@@ -106,8 +124,14 @@ class Network:
             if one.listener not in self._listeners.get((one.sender, one.channel), ()):
                 continue
             if not self.reaches(one.sender, one.listener) or rng.random() < conditions.loss:
-                if newest is not None and newest.number == one.message.number:
+                key = one.sender, one.channel
+                if key in self._logs or (newest and newest.number == one.message.number):
                     heappush(self._flying, one._replace(at=one.at + RETRY, order=self._next()))
+                continue
+            if (one.sender, one.channel) in self._logs:
+                taken = self._taken.get(one[2:5], 0)
+                self._taken[one[2:5]] = taken + 1
+                yield one._replace(message=self._logs[one.sender, one.channel][taken])
                 continue
             if rng.random() < conditions.doubling:
                 self._send(one.listener, one.sender, one.channel, one.message, now)
@@ -117,10 +141,11 @@ class Network:
               now: float) -> None:
         """Put a message on its way."""
         conditions = self.conditions
-        takes = conditions.delay + self._rng.exponential(conditions.spread) + (
-            message.size / conditions.rate)
+        sent = max(now, self._busy_until.get(sender, now)) + message.size / conditions.rate
+        self._busy_until[sender] = sent
         self.sent_bytes += message.size
-        heappush(self._flying, Delivery(now + takes, self._next(), listener, sender, channel,
+        takes = conditions.delay + self._rng.exponential(conditions.spread)
+        heappush(self._flying, Delivery(sent + takes, self._next(), listener, sender, channel,
                                         message))
 
     def _next(self) -> int:

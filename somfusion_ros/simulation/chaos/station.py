@@ -8,18 +8,19 @@ what a real one made.
 """
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.geometry import Pose
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.simulation.chaos.matching import Matching
 from somfusion_ros.simulation.chaos.network import Delivery, Network
-from somfusion_ros.simulation.chaos.tapes import Tape
+from somfusion_ros.simulation.chaos.records import Clock, Playing
+from somfusion_ros.simulation.chaos.views import ViewEnd
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, POSE, STATE
+from somfusion_ros.team.channels import (BONDS, CHANGES, CLUSTERS, MAP, PLAIN_MAP, POSE, STATE,
+                                         VIEWS)
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
@@ -28,64 +29,61 @@ from somfusion_ros.team.outbox import Outbox
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells
+from somfusion_ros.team.sightings import Sighting, Sightings
 
 MAX_CELLS = 10 ** 6
 DEPARTED = 'departed'
 DRAW_EVERY = 2.0     # [s] between two looks at whether the global map is to be drawn anew
+WORK_EVERY = 1.0     # [s] between two pieces of work where nothing came
 POSE_COVARIANCE = np.diag([4e-4, 4e-4, 1e-4])
-
-
-@dataclass
-class Clock:
-    """A robot's clock: it drifts, and its stamps may be stepped; the steady one is not."""
-
-    rate: float = 1.0
-    offset: float = 0.0
-    step: float = 0.0
-
-    def steady(self, now: float) -> float:
-        """Return the steady time [s] at a true time [s]."""
-        return self.offset + self.rate * now
-
-    def stamp(self, now: float) -> int:
-        """Return the stamp [ns] at a true time [s]."""
-        return round(1e9 * (1e6 + self.rate * now + self.step))
 
 
 class Station:
     """One robot's fusion node, from its start to its end."""
 
     def __init__(self, name: str, session: str, network: Network, matching: Matching,
-                 clock: Clock) -> None:
+                 clock: Clock, config: TeamConfig = TeamConfig()) -> None:
         self.name, self.clock = name, clock
         self.words: list[str] = []
         self.counts: Counter[str] = Counter()
         self.drawn: Grid | None = None
         self.present: set[str] = set()
+        self.expected: set[str] = set()    # counts that must not be zero in the end
         self._network, self._matching, self._now = network, matching, 0.0
-        self.session = FusionSession(name, TeamConfig(), FusionConfig(), self.words.append,
-                                     lambda: self.clock.steady(self._now), matching)
-        self.inbox = Inbox(name, self.session, MAX_CELLS, self._count,
-                           lambda: self.clock.steady(self._now))
+        self.session = FusionSession(name, config, FusionConfig(), self.words.append,
+                                     self._steady, matching)
+        self.inbox = Inbox(name, self.session, MAX_CELLS, self._count, self._steady)
         self.inbox.heard[name] = Heard()
+        self.views = ViewEnd(name, self.session, self.inbox.heard, network, self._count,
+                             self._steady)
+        self.sightings = Sightings(name, self.inbox.heard, self.session.take_sighting,
+                                   self._count)
         self._outbox = Outbox(session)
         self._since = 0
         self._epoch: Epoch | None = None
         self._departed: dict[str, Any] = {}
         self._cells: MapCells | None = None
-        self._draw_due = 0.0
+        self._draw_due = self._work_due = 0.0
 
-    def map_of(self, tape: Tape, epoch: Epoch, elapsed: float) -> None:
+    def follow(self, slam: Playing, now: float) -> None:
         """Hear the robot's own SLAM: which map it is, the newest map, and the pose in it."""
+        self._now = now
+        epoch, come = slam.epoch, slam.tape.come(slam.elapsed)
         loaded = (epoch.reset, len(epoch.start))
         self.inbox.plain.tell(self.name, epoch, loaded)
-        cells = tape.map_at(elapsed)
+        cells = slam.tape.maps[come - 1] if come else None
         if cells is not None and (cells is not self._cells or epoch != self._epoch):
-            self._cells = cells
+            self._cells, self._work_due = cells, now
             self.inbox.keep(self.name, PLAIN_MAP, PlainMap(cells, loaded), cells.values.size, same)
-        pose = TimedPose(1e-9 * self.clock.stamp(self._now), tape.pose_at(elapsed),
+        pose = TimedPose(1e-9 * self.clock.stamp(now), slam.tape.pose_at(slam.elapsed),
                          POSE_COVARIANCE)
         self.inbox.keep_pose(self.name, lambda: (pose, None))
+        self.views.tell(slam, now)
+
+    def see(self, peer: str, T_base_peer: Pose, covariance: Array, now: float) -> None:
+        """Take a sighting of a peer, made now."""
+        self.sightings.add(Sighting(peer, 1e-9 * self.clock.stamp(now), T_base_peer, covariance,
+                                    self.clock.steady(now)))
 
     def meet(self, robot: str) -> None:
         """Listen to a robot that is there."""
@@ -97,7 +95,10 @@ class Station:
     def hear(self, one: Delivery) -> None:
         """Take what came over the network."""
         robot, payload = one.sender, one.message.payload
-        if one.channel.startswith(DEPARTED):
+        self._work_due = self._work_due if one.channel == POSE else 0.0
+        if one.channel in (VIEWS, BONDS):
+            self.views.hear(one)
+        elif one.channel.startswith(DEPARTED):
             robot = one.channel.partition('/')[2]
             self.inbox.heard.setdefault(robot, Heard())
             self.inbox.keep(robot, MAP, payload, one.message.size, same)
@@ -108,8 +109,11 @@ class Station:
             self.inbox.keep(robot, one.channel, payload, one.message.size, same, rank)
 
     def work(self, now: float) -> None:
-        """Do what the worker of a fusion node does, once."""
-        self._now = now
+        """Do what the worker of a fusion node does, once, if there may be anything to do."""
+        if now < self._work_due:
+            return
+        self._now, self._work_due = now, now + WORK_EVERY
+        self.views.drain()
         own, network = self.inbox.drain(), self._network
         epoch = self.session.epoch_of(self.name)
         if own is not None and epoch is not None:
@@ -119,24 +123,41 @@ class Station:
             clusters = self._matching.clusters(self.session)
             network.publish(self.name, CLUSTERS, TimedClusters(clusters, self.clock.stamp(now)),
                             28 * len(clusters), now)
+        self.sightings.settle(self._steady())
         snapshot = self.session.refresh(self.present)
         self._since = min(self._since, self.clock.stamp(now))
-        text = self._outbox.state(snapshot, self._since, self.clock.steady(now))
+        text = self._outbox.state(snapshot, self._since, self._steady())
         if text is not None:
             network.publish(self.name, STATE, text, len(text), now)
         for peer in sorted(snapshot.wanted & self.present):
             for channel in (MAP, CHANGES):
                 network.subscribe(self.name, peer, channel, now)
+        self.views.want(snapshot.wanted & self.present, now)
+        self.views.say(now)
         if network.listened(self.name, MAP):
             for channel, data in self._outbox.map_messages():
                 network.publish(self.name, channel, data, len(data), now)
         self._tell_pose(now)
         self._hand_on(now)
-        self.session.attempt(self.clock.steady(now))
+        self.session.attempt(self._steady())
         if now >= self._draw_due:
             self._draw_due = now + DRAW_EVERY
-            drawn = self.session.draw()
-            self.drawn = self.drawn if drawn is None else drawn
+            self.draw()
+
+    def draw(self) -> None:
+        """Draw the global map, where it changed."""
+        drawn = self.session.draw()
+        self.drawn = self.drawn if drawn is None else drawn
+
+    def held(self) -> Counter[str]:
+        """Count what this robot holds of its team: what grows if a peer can make it grow."""
+        session = self.session
+        solution, maps = session.snapshot.solution, session.shown_maps().values()
+        return Counter({
+            'bytes of views': sum(map(session.elastic.bytes_of, self.inbox.heard)),
+            'robots': sum(map(len, solution.groups)), 'dropped': len(solution.dropped),
+            'departed': len(session.snapshot.departed), 'counted': len(self.counts),
+            'cells': sum(shared.grid.evidence.size for shared in maps)})
 
     def _tell_pose(self, now: float) -> None:
         """Tell where the robot is, if it moved."""
@@ -157,6 +178,10 @@ class Station:
                 network.publish(self.name, channel, key, len(key), now)
         for robot, keeper in sorted(snapshot.sources.items()):
             network.subscribe(self.name, keeper, f'{DEPARTED}/{robot}', now)
+
+    def _steady(self) -> float:
+        """Return the time [s] of the clock that is never stepped."""
+        return self.clock.steady(self._now)
 
     def _count(self, kind: str, reason: str = '') -> None:
         self.counts[kind] += 1

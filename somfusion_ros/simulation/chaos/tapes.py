@@ -1,23 +1,30 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What real SLAM sessions made of simulated drives: maps and poses over time, to be replayed."""
+"""
+What real SLAM sessions made of simulated drives, to be replayed: maps, poses, views over time.
+
+On one drive the robot is taken up and put down elsewhere, and its SLAM has to find it.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.geometry import Array, compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.simulation.drive import follow
 from somfusion_ros.simulation.floor_plan import PLANS
 from somfusion_ros.simulation.laser import Laser, Scene
-from somfusion_ros.simulation.trial import simulate_trial
+from somfusion_ros.simulation.trial import simulate_trial, Trial
+from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.session import Session
+from somfusion_ros.slam.step import Step
 from somfusion_ros.team.shared_map import MapCells
+from somfusion_ros.team.view_facts import Facts, Teller
 
 LASER = Laser(181, np.pi, 0.1, 12.0, 0.4, mount=Pose(0.2, 0.0, 0.0), height=0.25)
-MAP_EVERY = 6.0      # [s] between two maps
+MAP_EVERY = 10.0      # [s] between two maps
 STEP = 0.5           # [s] between two poses
 
 
@@ -27,20 +34,24 @@ class Tape:
     One drive of one robot, as its SLAM told it.
 
     place: the floor plan; T_place_map: true pose of the map's frame in it; maps with the times [s]
-    since the start at which they came; stamps (n,) [s] and poses (n, 3) T_map_base.
+    since the start at which they came, what was told of the path with each, and the checkpoint
+    that was kept; stamps (n,) [s] and poses (n, 3) T_map_base; lost_for [s]: how long it was not
+    known where the robot was.
     """
 
     place: str
     T_place_map: Pose
     map_times: tuple[float, ...]
     maps: tuple[MapCells, ...]
+    facts: tuple[Facts, ...]
+    kept: tuple[Checkpoint, ...]
     stamps: Array
     poses: Array
+    lost_for: float = 0.0
 
-    def map_at(self, elapsed: float) -> MapCells | None:
-        """Return the newest map after a time [s]; None before the first."""
-        come = sum(time <= elapsed for time in self.map_times)
-        return self.maps[come - 1] if come else None
+    def come(self, elapsed: float) -> int:
+        """Return how many maps have come after a time [s]."""
+        return sum(time <= elapsed for time in self.map_times)
 
     def pose_at(self, elapsed: float) -> Pose:
         """Return the pose after a time [s]; the robot stands once its drive is over."""
@@ -48,38 +59,74 @@ class Tape:
             0, len(self.stamps) - 1)])
 
 
-def record(place: str, robot: int, duration: float, seed: int) -> Tape:
-    """Drive along a route of a floor plan for a time [s], with a real SLAM session."""
+def record(place: str, robot: int, duration: float, seed: int, taken_at: float = np.inf) -> Tape:
+    """
+    Drive along a route of a floor plan for a time [s], with a real SLAM session.
+
+    At a time [s] the robot is taken up, and put down where it was after half of it.
+    """
     plan, rng = PLANS[place](), np.random.default_rng(seed)
     route = plan.route(robot)
     heading = float(np.arctan2(*(route[1] - route[0])[::-1]))
     stamps, poses = follow(route, heading, 0.7, duration)
-    scene = Scene(plan.segments)
-    trial = simulate_trial(lambda t: scene, stamps, poses, LASER, rng)
+    scene, k = Scene(plan.segments), int(np.searchsorted(stamps, taken_at))
+    trial = simulate_trial(lambda t: scene, stamps[:k], poses[:k], LASER, rng)
+    if k < len(stamps):
+        again = slice(k // 2, k // 2 + len(stamps) - k)
+        trial = _followed(trial, simulate_trial(
+            lambda t: scene, stamps[:len(stamps) - k], poses[again], LASER, rng))
     session = Session(SlamConfig(), 0.5, lambda kind, reason='': None, background=False)
     for stamp, pose, slip in zip(trial.odometry_stamps, trial.odometry, trial.slip, strict=True):
         session.add_odometry(stamp, pose, slip)
+    return _replayed(session, trial, place, Pose.from_array(poses[0]))
+
+
+def _followed(first: Trial, second: Trial) -> Trial:
+    """Let the sensors of a second trial tell on after those of a first, as if nothing happened."""
+    later = float(first.scans[-1].stamp + LASER.period)
+    kept = first.odometry_stamps < later
+    last, slipped = first.odometry[kept][-1], first.slip[kept][-1]
+    return replace(
+        first, scans=[*first.scans, *(replace(scan, stamp=scan.stamp + later)
+                                      for scan in second.scans)],
+        odometry_stamps=np.concatenate([first.odometry_stamps[kept],
+                                        second.odometry_stamps + later]),
+        odometry=np.concatenate([first.odometry[kept], compose(last, second.odometry)]),
+        slip=np.concatenate([first.slip[kept], slipped + second.slip]))
+
+
+def _replayed(session: Session, trial: Trial, place: str, T_place_map: Pose) -> Tape:
+    """Run a session over a trial, and keep what it tells every few seconds."""
     times: list[float] = []
     maps: list[MapCells] = []
-    places: list[tuple[float, Pose]] = []
+    facts: list[Facts] = []
+    kept: list[Checkpoint] = []
+    steps: list[tuple[float, Step]] = []
+    teller = Teller()
     for scan in trial.scans:
         session.add_scan(scan, scan.stamp, 0.0)
         for stamp, step in session.steps(0.0):
-            places.append((stamp, step.pose))
+            steps.append((stamp, step))
             if stamp >= MAP_EVERY * (len(times) + 1):
                 times.append(stamp)
-                maps.append(_cells(session.slam.grid()))
-    return Tape(place, Pose.from_array(poses[0]), tuple(times), tuple(maps),
-                np.array([stamp for stamp, _ in places]), np.array([pose for _, pose in places]))
+                maps.append(cells_of(session.slam.grid()))
+                kept.append(session.slam.checkpoint())
+                facts.append(teller.more(kept[-1]))
+    stamps = np.array([stamp for stamp, _ in steps])
+    lost = [step.reason == 'lost' for _, step in steps]
+    return Tape(place, T_place_map, tuple(times), tuple(maps), tuple(facts), tuple(kept), stamps,
+                np.array([step.pose for _, step in steps]),
+                float(LASER.period * np.count_nonzero(lost)))
 
 
 def record_all(duration: float, robots: Sequence[int] = (0, 1, 2),
                places: Sequence[str] = ('office', 'corridor')) -> list[Tape]:
-    """Record every robot's drive in every place."""
-    return [record(place, robot, duration, 10 * number + robot)
-            for number, place in enumerate(places) for robot in robots]
+    """Record every robot's drive in every place, and one on which the robot is carried off."""
+    carried = record(places[0], robots[0], duration, 99, 0.6 * duration)
+    return [*(record(place, robot, duration, 10 * number + robot)
+              for number, place in enumerate(places) for robot in robots), carried]
 
 
-def _cells(grid: Grid) -> MapCells:
-    """Cells of a map, as a node publishes it."""
+def cells_of(grid: Grid) -> MapCells:
+    """Return the cells of a map, as a node publishes it."""
     return MapCells(grid.to_occupancy(), grid.resolution, grid.T_frame_grid)

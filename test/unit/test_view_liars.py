@@ -1,0 +1,165 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a liar says of views and bonds: it costs little, bends nobody, and is counted."""
+
+import time
+
+import numpy as np
+import pytest
+from somfusion_ros.geometry import Pose
+from somfusion_ros.simulation.chaos.view_lies import absurd_batches, bonds_with, stolen
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, ToldBond
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.graph import solve
+from somfusion_ros.team.heard import Heard, TimedPose, TUNING
+from somfusion_ros.team.joint_problem import InterMatch
+from somfusion_ros.team.view_facts import decode_view, Facts, ViewFact
+from somfusion_ros.team.view_store import decode_batch, EACH, encode_batch, FEW, LOOP, ViewStore
+from test_elastic import bent_team
+from test_elastic_session import batches, EPOCHS, team, verdict
+
+GOOD = np.diag([1e-4, 1e-4, 1e-6])
+LIAR = Epoch('11a7')
+LONGEST = 2.0      # [s] of CPU; a tenth of it on a machine of its own
+
+
+def test_absurd_views_are_refused_and_what_came_before_stays(rng: np.random.Generator) -> None:
+    one, _, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    before, refused = one.bytes_of('robot1'), 0
+    for _ in range(5):
+        for batch in absurd_batches(LIAR, rng):
+            try:
+                one.take_views('aliar', batch)
+            except ValueError as error:
+                assert '\n' not in str(error)
+                refused += 1
+    assert refused >= 10
+    assert one.bytes_of('robot1') == before
+    one.update({**world, 'aliar': Pose()}, {**EPOCHS, 'aliar': LIAR}, 'robot1')
+    assert one.solved == ['robot1', 'robot2']
+
+
+def test_a_flood_of_facts_is_refused_before_it_is_read() -> None:
+    """Of 90000 loops between two views none costs more than a look at it."""
+    loop = np.array([1, 0], '<u4').tobytes()
+    facts = tuple(loop + np.array([k, 0, 0, 1, 0, 0, 1, 0, 1], '<f4').tobytes()
+                  for k in range(85000))
+    store, batch = ViewStore(), encode_batch(LIAR, 't', Facts((), facts, ()))
+    start = time.process_time()
+    with pytest.raises(ValueError, match='facts of one kind'):
+        store.take(batch)
+    assert time.process_time() - start < LONGEST
+    assert store.bytes <= 44 * (FEW[LOOP] + EACH[LOOP])
+
+
+def test_two_bonds_with_one_robot_are_refused(rng: np.random.Generator) -> None:
+    """They could not be sorted, and stopped the worker: found by chaos."""
+    match = InterMatch('aliar', 0, 'robot1', 0, np.zeros(3), GOOD)
+    twice = [ToldBond('aliar', 'robot1', (LIAR, EPOCHS['robot1']), (match,))] * 2
+    with pytest.raises(ValueError, match='two bonds with one robot'):
+        decode_bonds(encode_bonds(twice), 'aliar')
+    one, _, _ = team()
+    with pytest.raises(ValueError):
+        one.take_bonds('aliar', bonds_with('aliar', LIAR, EPOCHS, rng, 2))
+
+
+def test_a_liar_with_stolen_views_hardly_bends_two_who_agree(rng: np.random.Generator) -> None:
+    one, _, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    one.update(world, EPOCHS, 'robot1')
+    alone = one.places(None)
+    for batch in one_path():
+        one.take_views('aliar', stolen(batch, LIAR))
+    one.take_bonds('aliar', bonds_with('aliar', LIAR, EPOCHS, rng))
+    for _ in range(20):
+        one.update({**world, 'aliar': Pose(3.0, 1.0, 0.5)}, {**EPOCHS, 'aliar': LIAR}, 'robot1')
+        one.draw()
+    assert 'aliar' in one.solved
+    for robot, pose in alone.items():
+        assert one.places(None)[robot][:2] == pytest.approx(pose[:2], abs=0.5)
+
+
+def one_path() -> list[bytes]:
+    """Tell the path of robot1."""
+    return batches(bent_team()[0]['robot1'], EPOCHS['robot1'])
+
+
+def test_views_that_lie_absurdly_far_do_not_stop_the_drawing() -> None:
+    one, _, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    beams = decode_view(decode_batch(one_path()[0])[2][0][1]).beams
+    step = Constraint(0, 1, np.array([9e4, 0.0, 0.0]), 1e-6 * np.eye(3))
+    facts = tuple(ViewFact(k, float(k), np.zeros(3), beams, made).encode()
+                  for k, made in ((0, None), (1, step)))
+    one.take_views('aliar', encode_batch(LIAR, 't', Facts(facts)))
+    match = InterMatch('aliar', 0, 'robot1', 0, np.zeros(3), GOOD)
+    one.take_bonds('aliar', encode_bonds([
+        ToldBond('aliar', 'robot1', (LIAR, EPOCHS['robot1']), (match,))]))
+    one.update({**world, 'aliar': Pose()}, {**EPOCHS, 'aliar': LIAR}, 'robot1')
+    assert one.draw() is not None
+
+
+def test_where_no_bond_joins_a_robot_all_still_place_it_alike() -> None:
+    """The rigid place of one was that of when each solved last: found by chaos."""
+    one, two, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    two.take_bonds('robot1', one.own_bonds())
+    epochs, sessions = {**EPOCHS, 'robot3': Epoch('c3')}, (one, two)
+    for session in sessions:
+        for batch in one_path():
+            session.take_views('robot3', stolen(batch, epochs['robot3']))
+    for session, first in zip(sessions, (Pose(0.4, 0.1, 0.1), Pose(0.1, 0.3, 0.0))):
+        session.update({**world, 'robot3': first}, epochs, 'robot1')
+        for _ in range(3):
+            session.update({**world, 'robot3': Pose(0.2, 0.2, 0.05)}, epochs, 'robot1')
+            session.draw()
+        for _ in range(20):
+            session.update({**world, 'robot3': Pose(0.2, 0.2, 0.05)}, epochs, 'robot1')
+            session.draw()
+    assert one.places(None) == two.places(None)
+    assert np.array_equal(one.draw().grid.evidence, two.draw().grid.evidence)
+
+
+def test_who_contradicts_itself_does_not_outvote_one_honest_word() -> None:
+    """In a single cycle all words are alike; a liar's, at probability 1, won: found by chaos."""
+    b, c = Pose(2.0, 0.0, 0.2), Pose(4.0, 1.0, -0.3)
+    honest = [MapConstraint('a', 'b', b, GOOD, 0.99, author='a'),
+              MapConstraint('a', 'b', b, GOOD, 0.99, author='b'),
+              MapConstraint('a', 'c', c, GOOD, 0.9, author='c')]
+    said = [MapConstraint(robot, 'z', Pose(float(k), -7.0, 1.0 - k), GOOD, 1.0, kind, author='z')
+            for k, robot in enumerate('abc') for kind in ('match', 'sighting')]
+    said += [MapConstraint('c', 'z', Pose(9.0, 9.0, 2.0), GOOD, 1.0, 'sighting', author='z')]
+    solution = solve('abcz', honest + said)
+    assert solution.group_of('a')['c'][:2] == pytest.approx(c[:2], abs=0.1)
+    assert {one.constraint.author for one in solution.dropped} == {'z'}
+
+
+def test_a_pose_between_poses_is_less_sure_and_one_from_before_a_step_back_is_none() -> None:
+    heard = Heard()
+    for stamp, theta in ((10.0, 0.0), (11.0, 0.8)):
+        heard.add_pose(TimedPose(stamp, Pose(stamp - 10.0, 0.0, theta), GOOD))
+    middle, end, after = (heard.pose_at(stamp) for stamp in (10.5, 11.0, 11.4))
+    assert middle is not None
+    assert end is not None
+    assert after is not None
+    assert middle.covariance[2, 2] == pytest.approx(GOOD[2, 2] + (TUNING.uneven * 0.8) ** 2)
+    assert np.allclose(end.covariance, GOOD)
+    assert np.allclose(after.covariance, GOOD + 0.16 * np.eye(3))
+    heard.add_pose(TimedPose(3.0, Pose(1.1, 0.0, 0.8), GOOD))      # the clock was set back
+    assert heard.pose_at(10.5) is None
+    assert heard.pose_at(3.0) is not None
+
+
+def test_a_clock_that_is_ahead_is_known_by_stamps_of_the_future() -> None:
+    heard = Heard()
+    assert heard.future(1e6, 0.0) == 0.0       # it does not know its own time yet
+    heard.add_pose(TimedPose(50.0, Pose(), GOOD))
+    heard.posed_at = 7.0
+    assert heard.future(50.0 + 2.0 * TUNING.stepped, 7.2) == pytest.approx(
+        2.0 * TUNING.stepped - 0.2)
+    assert heard.future(50.0 + 0.9 * TUNING.stepped, 7.2) == 0.0
+    assert heard.future(0.0, 7.2) == 0.0
+    assert heard.future(90.0, 9.0) == 0.0      # its own SLAM is silent
