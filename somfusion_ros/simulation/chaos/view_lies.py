@@ -3,38 +3,51 @@
 """What a liar says of views and bonds: absurd facts, too many, a path that is not its own."""
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
+from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.team.bond_codec import encode_bonds, ToldBond
 from somfusion_ros.team.joint_problem import InterMatch
-from somfusion_ros.team.view_facts import CONSTRAINT, Facts, SCAN, VIEW
+from somfusion_ros.team.view_facts import (encode_constraint, encode_scan, Facts, MAX_VIEWS,
+                                           ViewFact)
+from somfusion_ros.team.view_set import DrawnScan
 from somfusion_ros.team.view_store import decode_batch, encode_batch
 from somfusion_ros.team.view_store import LOOP as A_LOOP
 from somfusion_ros.team.view_store import SCAN as A_SCAN
 from somfusion_ros.team.view_store import VIEW as A_VIEW
 
 TELLING = '11a7'
-SURE = (1e-9, 0.0, 0.0, 1e-9, 0.0, 1e-9)     # upper triangle of a covariance
+SURE = 1e-8 * np.eye(3)
 FLOOD = 1500       # facts of one kind
 REACH = 10         # views from the first one that a liar's matches join
+NOTHING = Outline(np.zeros((0, 2)), np.zeros(0), np.zeros(0, bool), np.zeros(2))
+
+
+@cache
+def flood() -> Facts:
+    """Make far more loops and scans than so few views can have."""
+    loops = (encode_constraint(Constraint(0, 1, np.array([0.01 * k, 0.0, 0.0]), SURE))
+             for k in range(FLOOD))
+    scans = (encode_scan(DrawnScan(float(k), 0, np.zeros(3), NOTHING)) for k in range(FLOOD))
+    return Facts((), tuple(loops), tuple(scans))
 
 
 def absurd_batches(epoch: Epoch, rng: np.random.Generator) -> list[bytes]:
     """Make batches of facts that are none, or too many."""
-    far, nan = float(rng.choice([1e9, -3e38])), float('nan')
-    views = (VIEW.pack(0, 1.0, far, 0.0, 0.0), VIEW.pack(0, nan, 0.0, 0.0, 0.0),
-             VIEW.pack(2 ** 32 - 1, 0.0, 0.0, 0.0, 0.0),
-             VIEW.pack(3, 1.0, 0.0, 0.0, 0.0) + CONSTRAINT.pack(3, 3, 0.0, 0.0, 0.0, *SURE),
-             VIEW.pack(0, 1.0, 0.0, 0.0, 0.0) + rng.integers(0, 256, 80, np.uint8).tobytes())
-    loops = (CONSTRAINT.pack(1, 0, nan, 0.0, 0.0, *SURE), CONSTRAINT.pack(1, 0, *[0.0] * 9),
-             CONSTRAINT.pack(7, 7, *[1.0] * 9), CONSTRAINT.pack(2, 1, 0, 0, 0, 1, 9, 9, 1, 9, 1))
-    many = tuple(CONSTRAINT.pack(1, 0, *rng.normal(size=3), *SURE) for _ in range(FLOOD))
-    scans = tuple(SCAN.pack(0, float(k), 0.0, 0.0, 0.0) for k in range(FLOOD))
+    beams = rng.integers(0, 256, 80, np.uint8).tobytes()
+    views = tuple(ViewFact(number, stamp, np.array([x, 0.0, 0.0]), beams, step).encode()
+                  for number, stamp, x, step in (
+        (0, 1.0, 9e6, None), (0, float('nan'), 0.0, None), (MAX_VIEWS + 1, 0.0, 0.0, None),
+        (0, 1.0, 0.0, None), (3, 1.0, 0.0, Constraint(3, 3, np.zeros(3), SURE))))
+    loops = (encode_constraint(Constraint(7, 7, np.ones(3), SURE)),
+             encode_constraint(Constraint(0, 1, np.array([9e6, 0.0, 0.0]), SURE)), beams)
     noise = rng.integers(0, 256, int(rng.integers(0, 200)), np.uint8).tobytes()
-    return [noise, encode_batch(epoch, TELLING, Facts(views, loops, ())),
-            encode_batch(epoch, TELLING, Facts((), many, scans)),
-            encode_batch(epoch, TELLING, Facts())[:-3]]
+    return [noise, encode_batch(epoch, TELLING, Facts(views, loops, (beams,))),
+            encode_batch(epoch, TELLING, flood()),
+            encode_batch(epoch, TELLING, Facts((), loops))[:-3]]
 
 
 def stolen(batch: bytes, epoch: Epoch) -> bytes:
@@ -50,6 +63,6 @@ def bonds_with(liar: str, own: Epoch, others: Mapping[str, Epoch], rng: np.rando
     """Say of every robot, so many times, surely and wrongly, where its first views lie."""
     bonds = [ToldBond(liar, robot, (own, epoch), tuple(
         InterMatch(liar, int(i), robot, int(j), rng.uniform((-9, -9, -3), (9, 9, 3)),
-                   1e-8 * np.eye(3)) for i, j in rng.integers(0, REACH, (200, 2))))
+                   SURE) for i, j in rng.integers(0, REACH, (200, 2))))
              for robot, epoch in sorted(others.items()) if liar < robot for _ in range(times)]
     return encode_bonds(bonds)
