@@ -121,8 +121,8 @@ class ViewStore:
 
     def _full(self, kind: int) -> bool:
         """Return whether there are as many facts of a kind as there may be."""
-        held = {LOOP: self._loops, SCAN: self._scans}.get(kind, ())
-        return bool(held) and len(held) >= self._most(kind)
+        held = {LOOP: len(self._loops), SCAN: len(self._scans)}.get(kind, 0)
+        return bool(held) and held >= self._most(kind)
 
     def _add(self, kind: int, fact: bytes) -> None:
         """Add a fact that is new."""

@@ -33,7 +33,7 @@ class ViewLink:
                  inbox: ViewInbox, count: Callable[..., None]) -> None:
         self._node, self._session, self._inbox, self._count = node, session, inbox, count
         self._wanted: set[str] = set()
-        self._said = session.elastic.own_bonds()
+        self._said = b''      # that there are none is told, too: others know those of before
         self._bonds = node.create_publisher(UInt8MultiArray, f'{prefix}{names.TEAM_BONDS}',
                                             qos.LATCHED)
         own = node.create_subscription(UInt8MultiArray, names.VIEWS,

@@ -22,7 +22,7 @@ from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.session import Session
 from somfusion_ros.slam.slam import Slam
-from somfusion_ros.team.view_facts import tell
+from somfusion_ros.team.teller import tell
 
 KINDS = ('', 'flips bits', 'tears a write', 'is full')
 VARIANTS = 2       # of each kind of damage to each file: few, so that maps come again

@@ -22,7 +22,7 @@ class ViewEnd:
         self._name, self._session, self._network = name, session, network
         self._inbox = ViewInbox(session.elastic, heard, count, clock)
         self._telling, self._told = '', 0
-        self._said = session.elastic.own_bonds()
+        self._said = b''      # that there are none is told, too: others know those of before
 
     def tell(self, slam: Playing, now: float) -> None:
         """Tell what is new of the path; of another map, or after a restart, all of it."""
