@@ -86,7 +86,7 @@ class ViewStore:
         self._scans: dict[bytes, DrawnScan] = {}
         self._taken_back: set[int] = set()
         self._views: ViewSet | None = None
-        self.bytes, self.batches = 0, []
+        self.bytes, self.batches, self._kept = 0, [], 0
 
     def take(self, data: bytes) -> None:
         """Add a batch; ValueError, once its good facts are in, where one of them is unusable."""
@@ -104,8 +104,9 @@ class ViewStore:
             except ValueError as error:
                 wrong = str(error)
         self._views = None
-        if self.bytes > before:
+        if self.bytes > before and self._kept + len(data) <= MOST_BYTES:
             self.batches.append(data)
+            self._kept += len(data)
         if wrong:
             raise ValueError(wrong)
 

@@ -102,9 +102,9 @@ class Invariants:
         assert station is not None
         session = station.session
         for name in sorted({robot.name, *station.inbox.heard}):
-            epoch, before = session.epoch_of(name), self._epochs.get((station, name))
-            if epoch is None:
-                continue
+            epoch, before = session.epoch_of(name), self._epochs.pop((station, name), None)
+            if epoch is None or name not in {robot.name, *station.present}:
+                continue    # who was away, and forgotten, is new when it comes back
             self._epochs[station, name] = epoch
             if before not in (None, epoch) and not any(
                     word.startswith(f'{name} began another map') and f'({epoch})' in word

@@ -32,7 +32,7 @@ from somfusion_ros.team.shared_map import MapCells
 from somfusion_ros.team.sightings import Sighting, Sightings
 
 MAX_CELLS = 10 ** 6
-DEPARTED = 'departed'
+DEPARTED, DEPARTED_VIEWS = 'departed', 'departed views'
 DRAW_EVERY = 2.0     # [s] between two looks at whether the global map is to be drawn anew
 WORK_EVERY = 1.0     # [s] between two pieces of work where nothing came
 POSE_COVARIANCE = np.diag([4e-4, 4e-4, 1e-4])
@@ -98,7 +98,9 @@ class Station:
         self._work_due = self._work_due if one.channel == POSE else 0.0
         if one.channel in (VIEWS, BONDS):
             self.views.hear(one)
-        elif one.channel.startswith(DEPARTED):
+        elif one.channel.startswith(f'{DEPARTED_VIEWS}/'):
+            self.views.hear_kept(one.channel.partition('/')[2], payload)
+        elif one.channel.startswith(f'{DEPARTED}/'):
             robot = one.channel.partition('/')[2]
             self.inbox.heard.setdefault(robot, Heard())
             self.inbox.keep(robot, MAP, payload, one.message.size, same)
@@ -176,8 +178,19 @@ class Station:
                 self._departed[gone.robot] = shared
                 key = key_message(shared.to_cells(), gone.epoch)
                 network.publish(self.name, channel, key, len(key), now)
+            self._hand_views_on(gone.robot, now)
         for robot, keeper in sorted(snapshot.sources.items()):
-            network.subscribe(self.name, keeper, f'{DEPARTED}/{robot}', now)
+            for channel in (DEPARTED, DEPARTED_VIEWS):
+                network.subscribe(self.name, keeper, f'{channel}/{robot}', now)
+
+    def _hand_views_on(self, robot: str, now: float) -> None:
+        """Offer what a robot that is gone told of its path, where somebody asks."""
+        channel, kept = f'{DEPARTED_VIEWS}/{robot}', b''
+        if self._network.listened(self.name, channel):
+            kept = self.session.elastic.kept(robot)
+        if kept and kept != self._departed.get(channel):
+            self._departed[channel] = kept
+            self._network.publish(self.name, channel, kept, len(kept), now)
 
     def _steady(self) -> float:
         """Return the time [s] of the clock that is never stepped."""

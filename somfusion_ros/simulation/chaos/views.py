@@ -49,6 +49,10 @@ class ViewEnd:
         keep: Any = self._inbox.keep_batch if one.channel == VIEWS else self._inbox.keep_bonds
         keep(one.sender, one.message.payload)
 
+    def hear_kept(self, robot: str, data: bytes) -> None:
+        """Keep what somebody handed on of a robot that is gone."""
+        self._inbox.keep_kept(robot, data)
+
     def drain(self) -> None:
         """Hand on what came."""
         self._inbox.drain()
