@@ -21,6 +21,7 @@ class ViewInbox:
         self._elastic, self._heard, self._count, self._clock = elastic, heard, count, clock
         self._batches: dict[str, deque[bytes]] = {}
         self._bonds: dict[str, bytes] = {}
+        self._direct: set[str] = set()     # robots that told their bonds themselves
 
     def keep_batch(self, robot: str, data: bytes) -> None:
         """Keep what a robot told of its path; every batch counts."""
@@ -30,10 +31,15 @@ class ViewInbox:
     def keep_bonds(self, robot: str, data: bytes) -> None:
         """Keep the bonds that a robot tells now."""
         self._note(robot, BONDS, data)
+        self._direct.add(robot)
         self._bonds[robot] = data
 
     def keep_kept(self, robot: str, data: bytes) -> None:
-        """Keep what another robot handed on of one that is gone."""
+        """
+        Keep what another robot handed on of one that is gone.
+
+        It may be late: bonds that the robot told itself, also that it has none, stay.
+        """
         try:
             batches, bonds = decode_kept(data)
         except ValueError as error:
@@ -41,8 +47,9 @@ class ViewInbox:
             return
         for batch in batches:
             self.keep_batch(robot, batch)
-        if bonds:
-            self.keep_bonds(robot, bonds)
+        if bonds and robot not in self._direct:
+            self._note(robot, BONDS, bonds)
+            self._bonds[robot] = bonds
 
     def drain(self) -> None:
         """Hand all that came on; what is unusable is counted under the robot's name."""

@@ -15,7 +15,9 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.graph import solve
 from somfusion_ros.team.heard import Heard, TimedPose, TUNING
 from somfusion_ros.team.joint_problem import InterMatch
+from somfusion_ros.team.kept_views import encode_kept
 from somfusion_ros.team.view_facts import decode_view, Facts, ViewFact
+from somfusion_ros.team.view_inbox import ViewInbox
 from somfusion_ros.team.view_store import decode_batch, EACH, encode_batch, FEW, LOOP, ViewStore
 from test_elastic import bent_team
 from test_elastic_session import batches, EPOCHS, team, verdict
@@ -161,3 +163,18 @@ def test_a_clock_that_is_ahead_is_known_by_stamps_of_the_future() -> None:
     assert heard.future(50.0 + 0.9 * TUNING.stepped, 7.2) == 0.0
     assert heard.future(0.0, 7.2) == 0.0
     assert heard.future(90.0, 9.0) == 0.0      # its own SLAM is silent
+
+
+def test_bonds_that_are_handed_on_late_do_not_replace_what_a_robot_says_itself() -> None:
+    """A robot was back, and had none any more, when its old ones came from a keeper: by chaos."""
+    one, two, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    inbox = ViewInbox(two, {}, lambda kind, reason='': None, lambda: 0.0)
+    kept = encode_kept([], one.own_bonds())
+    for of_itself, holds in ((None, True), (encode_bonds([]), False)):
+        if of_itself is not None:
+            inbox.keep_bonds('robot1', of_itself)
+        inbox.keep_kept('robot1', kept)
+        inbox.drain()
+        two.update(world, EPOCHS, 'robot1')
+        assert bool(two.solved) == holds
