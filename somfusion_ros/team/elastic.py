@@ -88,6 +88,19 @@ def join(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bonds: Iterab
     return {name: compose(back, poses) for name, poses in solved.items()}
 
 
+def astray(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bond: Joined) -> float:
+    """
+    Return how far [m] matches have a source's views, in the median, from where the world has them.
+
+    The accepted pairs made the world, and left out whom they contradict: a bond that tells of
+    another place is that of a liar.
+    """
+    off = [compose(world[m.target], compose(robots[m.target].poses[m.target_view], m.z))
+           - compose(world[m.source], robots[m.source].poses[m.source_view])
+           for m in bond.matches]
+    return float(np.median(np.hypot(*np.array(off)[:, :2].T)))
+
+
 def _tie(robots: Mapping[str, ViewSet], maps: Mapping[str, Array], anchor: str, robot: str
          ) -> InterMatch:
     """Lay a robot rigidly where the verdicts have its map, by one constraint."""

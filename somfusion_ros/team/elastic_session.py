@@ -18,6 +18,7 @@ from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, told, ToldBond
+from somfusion_ros.team.elastic import astray
 from somfusion_ros.team.gliding import Glide
 from somfusion_ros.team.joint_drawing import JointDrawing
 from somfusion_ros.team.joint_problem import InterMatch
@@ -40,6 +41,8 @@ class LiveTuning:
                          'most, going on from the last solution another, drawing all a third',
                          'by design')
     soonest: float = tuned(2.0, 's', 'between two solutions', 'by design')
+    astray: float = tuned(4.0, 'm', 'from where the accepted pairs have the maps, in the median, '
+                          'a bond counts for nothing; honest maps bend by up to 2 m', 'by design')
 
 
 TUNING = LiveTuning()
@@ -64,8 +67,7 @@ class ElasticSession:
         self._solved_epochs: dict[str, Epoch] = {}
         self._solved: dict[str, Array] = {}
         self._hurried = False     # the whole is still to be solved for what is known
-        self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw,
-                                     say)
+        self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw, say)
         self._solved_views: dict[str, ViewSet] = {}
         self._last_heard: dict[str, bytes] = {}
         self._due = self._whole_due = 0.0
@@ -145,7 +147,7 @@ class ElasticSession:
         bonds = [bond for bonds in self._heard.values() for bond in bonds
                  if {bond.target, bond.source} <= views.keys()
                  and bond.epochs == (epochs[bond.target], epochs[bond.source])
-                 and _known(bond.matches, views)]
+                 and _known(bond.matches, views) and astray(views, world, bond) < TUNING.astray]
         if len(views) < 2 or not bonds:
             self._glide.aim({}, None)
             self._solved_for = None

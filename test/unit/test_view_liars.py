@@ -77,7 +77,6 @@ def test_a_liar_with_stolen_views_hardly_bends_two_who_agree(rng: np.random.Gene
     for _ in range(20):
         one.update({**world, 'aliar': Pose(3.0, 1.0, 0.5)}, {**EPOCHS, 'aliar': LIAR}, 'robot1')
         one.draw()
-    assert 'aliar' in one.solved
     for robot, pose in alone.items():
         assert one.places(None)[robot][:2] == pytest.approx(pose[:2], abs=0.5)
 
@@ -178,3 +177,16 @@ def test_bonds_that_are_handed_on_late_do_not_replace_what_a_robot_says_itself()
         inbox.drain()
         two.update(world, EPOCHS, 'robot1')
         assert bool(two.solved) == holds
+
+
+def test_a_bond_that_contradicts_the_accepted_pairs_counts_for_nothing(
+        rng: np.random.Generator) -> None:
+    """Two robots without a bond of their own were placed by a liar's with each: by chaos."""
+    one, _, world = team()
+    for batch in one_path():
+        one.take_views('aliar', stolen(batch, LIAR))
+    one.take_bonds('aliar', bonds_with('aliar', LIAR, EPOCHS, rng))
+    for _ in range(20):
+        one.update({**world, 'aliar': Pose(3.0, 1.0, 0.5)}, {**EPOCHS, 'aliar': LIAR}, 'robot1')
+        one.draw()
+    assert one.solved == []
