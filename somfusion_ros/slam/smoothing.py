@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
-from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.geometry import Array, between_jacobians, wrap
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.constraint import Constraint
 
@@ -54,7 +54,7 @@ class Problem:
     def normal_equations(self, x: Array) -> tuple[csc_matrix, Array]:
         """Return the information matrix (3 n, 3 n) and gradient (3 n,), view 0 held fixed."""
         e, w = self.residuals(x)
-        A, B = _jacobians(x[self.i], x[self.j])
+        A, B = between_jacobians(x[self.i], x[self.j])
         weighted = self.Omega * w[:, None, None]
         AtO, BtO = A.transpose(0, 2, 1) @ weighted, B.transpose(0, 2, 1) @ weighted
         n = len(x)
@@ -101,15 +101,3 @@ def _between(a: Array, b: Array) -> Array:
     c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
     d = b - a
     return np.column_stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], d[:, 2]])
-
-
-def _jacobians(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the Jacobians (m, 3, 3) of `_between` in a and in b, row by row."""
-    c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
-    d = b - a
-    B = np.zeros((len(a), 3, 3))
-    B[:, 0, 0], B[:, 0, 1], B[:, 1, 0], B[:, 1, 1], B[:, 2, 2] = c, s, -s, c, 1.0
-    A = -B
-    A[:, 0, 2] = -s * d[:, 0] + c * d[:, 1]
-    A[:, 1, 2] = -c * d[:, 0] - s * d[:, 1]
-    return A, B

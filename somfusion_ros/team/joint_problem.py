@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csc_matrix, identity
 from scipy.sparse.linalg import splu
-from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.geometry import Array, between_jacobians, wrap
 from somfusion_ros.settings import tuned
 from somfusion_ros.team.thinning import Constraints, hung, Spine
 from somfusion_ros.team.view_set import ViewSet
@@ -148,7 +148,7 @@ class JointProblem:
         scale = np.where(self._match, width, self._settings.kernel) ** 2
         weight = np.where(self._robust, 1.0 / (1.0 + chi2 / scale), 1.0)
         weighted = self._Omega * weight[:, None, None]
-        A, B = _jacobians(x[self._i], x[self._j])
+        A, B = between_jacobians(x[self._i], x[self._j])
         AtO, BtO = A.transpose(0, 2, 1) @ weighted, B.transpose(0, 2, 1) @ weighted
         g = np.zeros((len(x), 3))
         np.add.at(g, self._i, (AtO @ e[:, :, None])[:, :, 0])
@@ -180,15 +180,3 @@ def _sparse(blocks: list[tuple[Array, Array, Array]], nodes: int) -> csc_matrix:
     r = (3 * rows[:, None, None] + np.arange(3)[None, :, None]).repeat(3, 2)
     c = (3 * columns[:, None, None] + np.arange(3)[None, None, :]).repeat(3, 1)
     return csc_matrix((values.ravel(), (r.ravel(), c.ravel())), shape=(3 * nodes, 3 * nodes))
-
-
-def _jacobians(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the Jacobians (m, 3, 3) of the pose of b in a, in a and in b, row by row."""
-    c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
-    d = b - a
-    B = np.zeros((len(a), 3, 3))
-    B[:, 0, 0], B[:, 0, 1], B[:, 1, 0], B[:, 1, 1], B[:, 2, 2] = c, s, -s, c, 1.0
-    A = -B
-    A[:, 0, 2] = -s * d[:, 0] + c * d[:, 1]
-    A[:, 1, 2] = -c * d[:, 0] - s * d[:, 1]
-    return A, B
