@@ -43,7 +43,7 @@ demo: $(VENV)/.package
 test: $(VENV)/.package
 	ROS_PYTHON_CHECK_FIELDS=1 $(BIN)/python -m pytest $(TESTS)
 
-# What to run after every change: three minutes.
+# What to run after every change: a minute and a half.
 test-fast: $(VENV)/.package
 	$(BIN)/python -m pytest -m 'not slow and not newest' test/unit
 

@@ -16,6 +16,8 @@ from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.offline.robot_run import run_robot
 from somfusion_ros.slam.scan import Scan
 
+pytestmark = pytest.mark.slow
+
 
 def bad_bag(path: Path) -> str:
     """Read a bag to its end; give the one line that it must fail with."""

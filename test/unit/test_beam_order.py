@@ -20,6 +20,8 @@ from somfusion_ros.slam.motion import OdometryBuffer
 from somfusion_ros.slam.scan import cloud, Scan
 from somfusion_ros.slam.session import Session
 
+pytestmark = pytest.mark.slow
+
 LASERS = {'5 Hz, all round': (5.0, 360, 359.0, 12.0), '10 Hz, 240 deg': (10.0, 513, 240.0, 4.5),
           '20 Hz, 270 deg': (20.0, 271, 270.0, 10.0)}
 PATIENCE = 1e9

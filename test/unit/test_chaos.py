@@ -18,6 +18,8 @@ from somfusion_ros.simulation.chaos.records import Outcome
 from somfusion_ros.simulation.chaos.station import world_of
 from somfusion_ros.simulation.chaos.tapes import record_all, Tape
 
+pytestmark = pytest.mark.slow
+
 FIXED = (0, 3, 10)      # the last one found that a liar's word made others drop a map
 MORE = (1, 2, 4, 6, 7)
 

@@ -23,6 +23,8 @@ from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import encode_batch, ViewStore
 from test_elastic import bent_team
 
+pytestmark = pytest.mark.slow
+
 EPOCHS = {'robot1': Epoch('a1', 0), 'robot2': Epoch('b2', 0)}
 OPEN = 0.6     # probability of a verdict that the views turn
 

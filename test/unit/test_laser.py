@@ -16,6 +16,8 @@ from somfusion_ros.slam.laser import emptiness
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.session import Session
 
+pytestmark = pytest.mark.slow
+
 URG = Laser()
 BEAMS, TRUE = URG.beams, URG.time_increment
 

@@ -19,6 +19,8 @@ from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.trail import MOST, Trail
 
+pytestmark = pytest.mark.slow
+
 WALLS = [polygon([(0, 0), (9, 0), (9, 6), (0, 6)]), box(4.5, 3.0, 2.0, 1.0),
          box(0.3, 4.0, 0.6, 1.2),
          box(8.0, 0.4, 1.0, 0.8)]

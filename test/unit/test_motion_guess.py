@@ -19,6 +19,8 @@ from somfusion_ros.slam.motion import increment_covariance, MotionNoise
 from somfusion_ros.slam.motion_guess import MotionGuess, TurnRate
 from somfusion_ros.slam.session import Session
 
+pytestmark = pytest.mark.slow
+
 
 def driven(laser: Laser) -> Trial:
     """Drive through the office, in and out of rooms."""

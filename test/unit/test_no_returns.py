@@ -16,6 +16,8 @@ from somfusion_ros.simulation.trial import simulate_trial, Trial
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.session import Session
 
+pytestmark = pytest.mark.slow
+
 PLAN = office()
 ROUTE = PLAN.route(2)[:6]   # 10 m through the corridor, with both its ends and doors in sight
 RPLIDAR = Laser(beams=360, field_of_view=2.0 * np.pi * 359 / 360, range_min=0.15, range_max=12.0,

@@ -18,6 +18,8 @@ from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
 
+pytestmark = pytest.mark.slow
+
 PLAN = floor_plan.office()
 FOUND_WITHIN = 10.0                    # [m] of driving
 METRES, RADIANS = 0.1, np.radians(1.0)   # off the truth once found

@@ -22,6 +22,8 @@ from somfusion_ros.team.view_store import decode_batch, EACH, encode_batch, FEW,
 from test_elastic import bent_team
 from test_elastic_session import batches, EPOCHS, team, verdict
 
+pytestmark = pytest.mark.slow
+
 GOOD = np.diag([1e-4, 1e-4, 1e-6])
 LIAR = Epoch('11a7')
 LONGEST = 2.0      # [s] of CPU; a tenth of it on a machine of its own
