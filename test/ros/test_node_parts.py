@@ -21,10 +21,11 @@ from builtin_interfaces.msg import Time  # noqa: E402, I100
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from rclpy.clock import Clock  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from sensor_msgs.msg import Imu, LaserScan  # noqa: E402
+from sensor_msgs.msg import Imu, LaserScan, PointCloud2  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
+from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
 from somfusion_ros.ros.apps.recording import open_bag, Recording  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
@@ -191,6 +192,23 @@ def test_the_player_hands_on_the_bytes_of_a_bag() -> None:
     assert [r.time for r in records] == sorted(r.time for r in records)
     scan = deserialize_message(records[0].data, LaserScan)
     assert scan.header.frame_id == 'laser'
+
+
+def test_the_player_plays_clouds_where_there_are_no_scans_and_refuses_a_bag_of_neither(
+        tmp_path: Path) -> None:
+    for name, stamps in (('clouds', (100.0, 100.1)), ('none', ())):
+        with ResultBag(tmp_path / name) as bag:
+            bag.odometry(100.0, (0.0, 0.0, 0.0))
+            for stamp in stamps:
+                bag.clusters('/points', stamp, 'laser', np.ones((3, 7), np.float32))
+    recording = Recording(tmp_path / 'clouds')
+    recording.shift = 10 ** 9
+    clouds = [deserialize_message(r.data, PointCloud2) for r in recording.records()
+              if r.msgtype == recording.scans]
+    assert [(c.header.stamp.sec, c.width) for c in clouds] == [(101, 3), (101, 3)]
+    recording.close()
+    with pytest.raises(ValueError, match='no laser scans to play'):
+        Recording(tmp_path / 'none')
 
 
 def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:

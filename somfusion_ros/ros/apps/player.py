@@ -20,17 +20,21 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState, LaserScan
+from sensor_msgs.msg import Imu, JointState, LaserScan, MultiEchoLaserScan, PointCloud2
+from somfusion_ros.io.bags.topics import IMU, JOINTS, ODOMETRY
 from somfusion_ros.io.frame_names import plain
-from somfusion_ros.ros.apps.recording import (align, JOINT_STATES, ODOMETRY, Record, Recording,
-                                              SCAN, together, TRANSFORMS)
+from somfusion_ros.ros.apps.recording import (align, Record, Recording, SCANS, together,
+                                              TRANSFORMS)
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.optional_types import message_type
 from somfusion_ros.ros.common.runtime import plain_args, run
 
-TOPICS = {SCAN: (names.SCAN, LaserScan), ODOMETRY: (names.ODOMETRY, Odometry),
-          JOINT_STATES: (names.JOINT_STATES, JointState)}
+TOPICS: dict[str, tuple[str, type]] = {
+    **{msgtype: (names.SCAN, kind) for msgtype, kind in zip(
+        SCANS, (LaserScan, MultiEchoLaserScan, PointCloud2), strict=True)},
+    ODOMETRY: (names.ODOMETRY, Odometry), JOINTS: (names.JOINT_STATES, JointState),
+    IMU: (names.IMU, Imu)}
 CLOCK_PERIOD = 0.01         # [s] between two words on /clock
 SETTLE = 1.0                # [s] for the listeners to learn of this publisher as well
 ACKNOWLEDGED_WITHIN = 5.0   # [s] for the last messages to arrive
@@ -43,7 +47,7 @@ class RobotTopics:
         self._by_type: dict[str, Any] = {
             msgtype: node.create_publisher(kind, f'{prefix}{topic}', qos.REPLAY)
             for msgtype, (topic, kind) in TOPICS.items() if msgtype in recording.msgtypes}
-        self.sensors = list(self._by_type.values())
+        self.sensors = [made for msgtype, made in self._by_type.items() if msgtype != IMU]
         self._tf, self._driver = tf, None
         if tf is not None and TRANSFORMS in recording.msgtypes:
             self._by_type[TRANSFORMS] = node.create_publisher(tf, f'{prefix}tf_static',

@@ -1,7 +1,10 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the player plays of a bag: scans, odometry, joint states and fixed transforms, as bytes.
+What the player plays of a bag: scans, odometry, joint states, a gyroscope and fixed transforms.
+
+All is played as the bytes that were recorded. Where there are no laser scans, the first kind that
+is there of those that can stand for them is played as `scan`: echoes, else clouds.
 
 Several bags are played by one clock. Those that were recorded together keep their times; others
 are shifted, with the stamps in their messages, to begin with the first one.
@@ -16,10 +19,12 @@ from typing import Any, NamedTuple
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
+from somfusion_ros.io.bags.topics import CLOUD, IMU, JOINTS, ODOMETRY, SCANS as LASERS
 
-SCAN, ODOMETRY = 'sensor_msgs/msg/LaserScan', 'nav_msgs/msg/Odometry'
-JOINT_STATES, TRANSFORMS = 'sensor_msgs/msg/JointState', 'tf2_msgs/msg/TFMessage'
-USUAL_NAMES = {SCAN: 'scan', ODOMETRY: 'odom', JOINT_STATES: 'joint_states'}
+SCANS = (*LASERS, CLOUD)
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+USUAL_NAMES = {**dict.fromkeys(LASERS, 'scan'), CLOUD: 'points', ODOMETRY: 'odom',
+               JOINTS: 'joint_states'}
 STAMP = struct.Struct('<iI')   # seconds and nanoseconds of a header, behind CDR's own four bytes
 STAMP_OFFSET = 4
 CLOCKS_AGREE = 10 ** 9         # [ns] by which stamps may differ from the times of recording
@@ -45,8 +50,8 @@ class Recording:
     """
     One robot's bag, opened; ValueError with a sentence where it cannot be played.
 
-    msgtypes: what it holds of what is played; start, end: of the recording [ns]; shift [ns] is
-    added to all times.
+    msgtypes: what it holds of what is played; scans: that of the scans; start, end: of the
+    recording [ns]; shift [ns] is added to all times.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -58,7 +63,13 @@ class Recording:
         except Exception as error:   # the library raises many kinds on a damaged file
             raise ValueError(f'{path}: not a readable bag ({error})') from error
         self._ros1 = None if self._reader.is2 else get_typestore(Stores.ROS1_NOETIC)
-        self._connections = [c for kind in (*USUAL_NAMES, TRANSFORMS) for c in self._choose(kind)]
+        held = {c.msgtype for c in self._reader.connections}
+        scans = next((kind for kind in SCANS if kind in held), None)
+        if scans is None:
+            raise ValueError(f'{path}: no laser scans to play (none of {", ".join(SCANS)})')
+        self.scans: str = scans
+        self._connections = [c for kind in (scans, ODOMETRY, JOINTS, IMU, TRANSFORMS)
+                             for c in self._choose(kind)]
         self.msgtypes = {c.msgtype for c in self._connections}
         self.start, self.end = self._reader.start_time, self._reader.end_time
 
@@ -83,6 +94,8 @@ class Recording:
         if msgtype == TRANSFORMS:
             return [c for c in found if c.topic.endswith('tf_static')]
         topics = sorted({c.topic for c in found})
+        if msgtype == IMU:
+            return found if len(topics) == 1 else []   # which of several is the robot's?
         named = [t for t in topics if t.rpartition('/')[2] == USUAL_NAMES[msgtype]]
         chosen = next((few for few in (topics, named) if len(few) == 1), [])
         if topics and not chosen:
@@ -92,7 +105,7 @@ class Recording:
 
     def _clock_difference(self) -> int:
         """Return the stamps minus times of recording [ns]; 0 where both are of one clock."""
-        scans = [c for c in self._connections if c.msgtype == SCAN]
+        scans = [c for c in self._connections if c.msgtype == self.scans]
         for connection, time, raw in self._reader.messages(connections=scans) if scans else ():
             data = bytes(self._ros1.ros1_to_cdr(raw, connection.msgtype) if self._ros1 else raw)
             seconds, nanoseconds = STAMP.unpack_from(data, STAMP_OFFSET)
