@@ -17,7 +17,7 @@ from typing import Any
 def start(module: str) -> int:
     """Import a node's module, heed signals from the first moment on, and run its `main`."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _leave)
+        signal.signal(number, leave)
     main: Any = import_module(module).main
     return int(main())
 
@@ -45,8 +45,10 @@ def player() -> int:
     return start('somfusion_ros.ros.apps.player')
 
 
-def _leave(*_: Any) -> None:
-    """End at once: nothing has begun that would have to be finished."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
+def leave(*_: Any, status: int = 0) -> None:
+    """End at once, with nothing that would have to be finished; also serves as signal handler."""
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(status)

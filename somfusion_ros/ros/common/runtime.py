@@ -5,12 +5,12 @@ The life of a node's process: start, spin, stop.
 
 Callbacks run in one spinning thread; the main thread waits for SIGINT or SIGTERM and then stops
 everything in the one order that rclpy takes without complaint: executor, thread, workers, node,
-context. Both signals end a process with status 0, also in the middle of work.
+context. Both signals end a process with status 0, also in the middle of work: at once while the
+node is being made, as nothing is to be saved yet, and after LONGEST whatever is still going on.
 """
 
 from collections.abc import Callable
 import logging
-import os
 import signal
 import sys
 import threading
@@ -21,8 +21,10 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+from somfusion_ros.ros.start import leave
 
 STOP_TIMEOUT = 2.0   # [s] that a callback or a worker is given to finish its piece of work
+LONGEST = 4.0        # [s] from a signal to the end; a checkpoint may be cut off, not damaged
 SWITCH_INTERVAL = 0.001   # [s] a worker thread holds the interpreter while a scan waits
 
 
@@ -40,8 +42,7 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
     A ValueError or a bad parameter while the node is made is a sentence and status 1.
     """
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    _on_signals(leave)
     sys.setswitchinterval(SWITCH_INTERVAL)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -53,14 +54,28 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
         rclpy.try_shutdown()
         return 1
     _forward_logging(node.get_logger())
+    _on_signals(lambda *_: _stop_soon(stop))
     ended = _spin_until(node, stop)
     node.destroy_node()
     rclpy.try_shutdown()
+    status = int(getattr(node, 'status', 0))
     if not ended:   # a worker is deep in numpy; nothing of it is needed any more
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(getattr(node, 'status', 0))
-    return getattr(node, 'status', 0)
+        leave(status=status)
+    return status
+
+
+def _on_signals(handler: Callable[..., None]) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
+
+
+def _stop_soon(stop: threading.Event) -> None:
+    """Ask for the end in order, and see to it that it comes."""
+    if not stop.is_set():
+        last = threading.Timer(LONGEST, leave)
+        last.daemon = True
+        last.start()
+    stop.set()
 
 
 def plain_args(args: list[str] | None) -> list[str]:
