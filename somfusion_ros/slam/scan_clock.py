@@ -102,7 +102,7 @@ class ScanClock:
 
         """
         if self._doubtful and self._undecided:
-            self._decide(covered, TUNING.tolerance + odometry_period)
+            self._decide(covered, odometry_period)
         if self._doubtful:
             return []
         placed, self._undecided = self._undecided, []
@@ -110,9 +110,11 @@ class ScanClock:
                         if np.isfinite(scan.newest_odometry)]
         return placed
 
-    def _decide(self, covered: Callable[[float], bool], tolerance: float) -> None:
+    def _decide(self, covered: Callable[[float], bool], odometry_period: float) -> None:
         """Find out by which shift the newest scans belong to the odometry, if that can be told."""
         newest, leap = self._undecided[-1], self._leaps['scan']
+        # Where the scans leapt, it is not the odometry that stalls.
+        tolerance = odometry_period + (TUNING.spread if leap else TUNING.tolerance)
         if (leap > 0.0 and covered(newest.stamp + self.shift)
                 or not np.isfinite(newest.newest_odometry)):
             self._settle(self.shift)      # the laser paused, or there is nothing to compare with

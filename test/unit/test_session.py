@@ -16,6 +16,7 @@ from somfusion_ros.slam.motion import OdometryBuffer
 from somfusion_ros.slam.scan_queue import MAX_WAITING, ScanQueue
 from somfusion_ros.slam.session import Session
 from somfusion_ros.slam.stamps import StampStream, TUNING
+from somfusion_ros.slam.step import Step
 
 
 class Counts(Counter):
@@ -173,9 +174,16 @@ class Drive:
 
     def error(self) -> float:
         """Distance [m] of the last step from the truth, both from the first step."""
-        (first, one), (last, other) = self.steps[0], self.steps[-1]
+        return self._off(self.steps[-1])
+
+    def worst(self) -> float:
+        """Longest distance [m] of a step from the truth, both from the first step."""
+        return max(self._off(found) for found in self.steps if found[1].accepted)
+
+    def _off(self, found: tuple[int, Step]) -> float:
+        (first, one), (i, other) = self.steps[0], found
         return pose_error(between(one.pose, other.pose),
-                          between(self.poses[first], self.poses[last]))[0]
+                          between(self.poses[first], self.poses[i]))[0]
 
 
 def test_a_session_follows_the_robot() -> None:
@@ -273,7 +281,7 @@ def set_at(i: int, seconds: float) -> Clock:
     return lambda k: seconds * (k >= i)
 
 
-@pytest.mark.parametrize('step', [-3600.0, -30.0, -3.0, -0.5, 0.5, 3.0, 100.0, 3600.0])
+@pytest.mark.parametrize('step', [-3600.0, -3.0, -2.4, -1.2, -0.5, 0.2, 1.2, 2.4, 100.0])
 @pytest.mark.parametrize('which', ['both', 'scans', 'odometry', 'odometry a second later'])
 def test_a_clock_that_is_set_while_driving_costs_at_most_one_view(step: float, which: str
                                                                   ) -> None:
@@ -285,7 +293,7 @@ def test_a_clock_that_is_set_while_driving_costs_at_most_one_view(step: float, w
     assert not drive.counts['maps_begun_anew']
     used = [tag for tag, step in drive.steps if step.accepted]
     assert len(used) >= len(drive.stamps) - 10, 'ten scans are 0.5 m'
-    assert drive.error() < 0.15
+    assert drive.worst() < 0.1
 
 
 @pytest.mark.parametrize('off', [-1e9, -100.0, -1.0, 1.0, 100.0, 3000.0, 1e9])
