@@ -3,15 +3,17 @@
 """
 Measure a robot's whole life: what its SLAM costs, and how good it is, after hours in one place.
 
-usage: python benchmarks/life.py [HOURS [WORLD [STATE]]]      default 2 office
-       WORLD: office (seven rooms, all visited alike) or rooms (one of five rarely visited)
+usage: python -m benchmarks.life [HOURS [WORLD [STATE]]]      default 2 office
+       WORLD: office (seven rooms, all visited alike), rooms (one of five rarely visited), or
+              town (streets of 500 x 500 m; ten kilometres take 3 hours)
        STATE: a file to write the state to at the end, and to go on from
 
-Prints a row per simulated quarter of an hour: hours; views; scans kept for the map; memory [MB] of
-the process; milliseconds of CPU per scan on the scan path and beside it (loops); of one redraw;
-median and largest error [m] of the pose told; mean normalised estimation error squared of the
-pose (3 if honest). With a STATE, at last its length, and the seconds of CPU to read it and to
-process the first scan. Asserts nothing.
+Prints a row per simulated quarter of an hour: hours; kilometres; views; scans kept for the map;
+memory [MB] of the process; milliseconds of CPU per scan on the scan path, as the mean and the
+longest, and beside it (loops); of one redraw; median and largest error [m] of the pose told; mean
+normalised estimation error squared of the pose (3 if honest). The laser turns slowly, 2.5 or 5
+scans a second, so that a day takes half an hour to compute. With a STATE, at last its length, and
+the seconds of CPU to read it and to be ready for the first scan. Asserts nothing.
 """
 
 import os
@@ -22,85 +24,87 @@ import time
 for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
     os.environ.setdefault(name, '1')
 
-import numpy as np  # noqa: E402, I100
-from somfusion_ros.geometry import Array, between, difference  # noqa: E402
-from somfusion_ros.simulation import drive, floor_plan  # noqa: E402
-from somfusion_ros.simulation.laser import Scene  # noqa: E402
-from somfusion_ros.simulation.trial import SICK, simulate_trial  # noqa: E402
+from dataclasses import dataclass, field, replace  # noqa: E402, I100
+
+from benchmarks.data.errands import World, WORLDS  # noqa: E402
+import numpy as np  # noqa: E402
+from somfusion_ros.geometry import Array, between, compose, difference  # noqa: E402
+from somfusion_ros.simulation import drive  # noqa: E402
+from somfusion_ros.simulation.trial import ODOMETRY_EVERY, SICK, simulate_trial  # noqa: E402
 from somfusion_ros.slam.checkpoint_file import CheckpointFile, load_checkpoint  # noqa: E402
 from somfusion_ros.slam.motion import Odometry  # noqa: E402
+from somfusion_ros.slam.scan import Scan  # noqa: E402
 from somfusion_ros.slam.slam import Slam  # noqa: E402
 
-QUARTER = 900.0   # [s] of a row
-SPEED = 0.4       # [m/s]
-# Doors and middles of the seven rooms of the office, and the corridor between them.
-CORRIDOR = 5.2
-ROOMS = [(2.6, 6, 2.0, 8.0), (5.4, 6, 6.0, 8.0), (11.3, 6, 10.5, 8.0), (14.2, 6, 15.0, 8.0),
-         (4.4, 4.4, 3.0, 2.5), (7.4, 4.4, 8.0, 2.5), (13.1, 4.4, 13.0, 2.5)]
+QUARTER = 900.0   # [s] of a row, about
+TURNS = 0.8       # of its top speed, on the way, for what a robot loses in turns
+PAUSE = 0.5       # [s] between two rows
+TRAVEL = 0.16     # [m] between two scans
 
 
-def route(rng: np.random.Generator, world: str, start: Array, length: float) -> Array:
-    """Way points (K, 2) [m] through rooms drawn at random, of a length [m] at least."""
-    points = [start, np.array([start[0], CORRIDOR])]
-    while np.hypot(*np.diff(points, axis=0).T).sum() < length:
-        if world == 'office':
-            room = ROOMS[rng.integers(len(ROOMS))]
-        else:
-            room = ROOMS[rng.choice(5, p=[0.25, 0.25, 0.25, 0.24, 0.01])]
-        door, _, x, y = room
-        points += [np.array(p) for p in ((door, CORRIDOR), (door, y), (x, y), (door, y),
-                                         (door, CORRIDOR))]
-    return np.array(points)
+@dataclass
+class Told:
+    """What a row is made of, per scan: CPU time [s], error [m], normalised error squared."""
+
+    path: list[float] = field(default_factory=list)
+    beside: list[float] = field(default_factory=list)
+    error: list[float] = field(default_factory=list)
+    nees: list[float] = field(default_factory=list)
 
 
 class Life:
     """One robot that drives on and on, quarter by quarter."""
 
-    def __init__(self, world: str, rng: np.random.Generator) -> None:
-        self._world, self._rng, self._plan = world, rng, floor_plan.office()
-        self._pose, self._odometry = np.array([2.0, CORRIDOR, 0.0]), np.zeros(3)
-        self._first, self._clock = self._pose, 0.0
+    def __init__(self, world: World, rng: np.random.Generator) -> None:
+        self.world, self._rng, self._ways = world, rng, world.ways(rng)
+        self.first = np.array([*next(self._ways), 0.0])
+        self._pose, self._odometry = self.first, np.zeros(3)
+        self.clock, self.metres = 0.0, 0.0
         self._wheels = drive.real_wheels(0.02, rng)
         self.slam = Slam(background=True)
 
-    def quarter(self) -> dict[str, Array]:
+    def _route(self) -> Array:
+        """Return way points (K, 2) [m] from where the robot stands, for about a quarter."""
+        points, length = [self._pose[:2]], 0.0
+        while length < QUARTER * TURNS * self.world.speed:
+            points.append(next(self._ways))
+            length += float(np.hypot(*(points[-1] - points[-2])))
+        return np.array(points)
+
+    def quarter(self) -> Told:
         """Drive for a quarter of an hour; return what it took and how far the SLAM was off."""
-        rng, scene = self._rng, Scene(self._plan.segments)
-        way = route(rng, self._world, self._pose[:2], QUARTER * SPEED)
-        stamps, poses = drive.follow(way, float(self._pose[2]), SPEED, QUARTER)
-        trial = simulate_trial(lambda t: scene, stamps, poses, SICK, rng, self._wheels)
-        told: dict[str, list[float]] = {name: [] for name in ('path', 'beside', 'error', 'nees')}
-        begin = self._odometry
-        for scan in trial.scans[::2]:
-            k = int(np.searchsorted(trial.odometry_stamps, scan.stamp))
-            if k >= len(trial.odometry_stamps):
-                break
-            self._step(scan, k, trial, begin, poses, told)
-        self._pose, self._clock = poses[-1], self._clock + stamps[-1] + 0.1
-        return {name: np.array(values) for name, values in told.items()}
+        stamps, poses = drive.follow(self._route(), float(self._pose[2]), self.world.speed, np.inf)
+        whole = slice((len(stamps) - 1) // ODOMETRY_EVERY * ODOMETRY_EVERY + 1)
+        stamps, poses = stamps[whole], poses[whole]
+        laser = replace(SICK, period=TRAVEL / self.world.speed)
+        trial = simulate_trial(
+            lambda t: self.world.around(drive.at(stamps, poses, np.array([t]))[0]), stamps, poses,
+            laser, self._rng, self._wheels)
+        told, begin, clock = Told(), self._odometry, self.clock + PAUSE
+        at = np.array([scan.stamp for scan in trial.scans])
+        odometry = compose(begin, between(trial.odometry[0], drive.at(
+            trial.odometry_stamps, trial.odometry, at)))
+        truth = between(self.first, drive.at(stamps, poses, at))
+        for scan, pose, true in zip(trial.scans, odometry, truth, strict=True):
+            self._step(replace(scan, stamp=clock + scan.stamp), pose, true, told)
+        self._odometry = compose(begin, between(trial.odometry[0], trial.odometry[-1]))
+        self._pose, self.clock = poses[-1], clock + float(stamps[-1])
+        self.metres += float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+        return told
 
-    def _step(self, scan: object, k: int, trial: object, begin: Array, poses: Array,
-              told: dict[str, list[float]]) -> None:
-        """Process one scan."""
-        from dataclasses import replace
-
-        from somfusion_ros.geometry import compose
-        at = drive.at(trial.odometry_stamps, trial.odometry, np.array([scan.stamp]))[0]
-        pose = compose(begin, between(trial.odometry[0], at))
-        self._odometry = pose
-        stamp = self._clock + scan.stamp
+    def _step(self, scan: Scan, odometry: Array, truth: Array, told: Told) -> None:
+        """Process one scan, taken where the wheels have the robot, and where it truly was."""
         t0 = time.process_time()
-        step = self.slam.process(replace(scan, stamp=stamp), Odometry(stamp, pose, np.zeros(3)))
+        step = self.slam.process(scan, Odometry(scan.stamp, odometry, np.zeros(3)))
         t1 = time.process_time()
         while self.slam.work():
             pass
-        told['path'].append(t1 - t0)
-        told['beside'].append(time.process_time() - t1)
-        truth = between(self._first, drive.at(trial.stamps, poses, np.array([scan.stamp]))[0])
+        told.path.append(t1 - t0)
+        told.beside.append(time.process_time() - t1)
         e = difference(np.array(step.pose), truth)
-        told['error'].append(float(np.hypot(e[0], e[1])))
+        told.error.append(float(np.hypot(e[0], e[1])))
         if step.covariance[2, 2] > 1e-12:
-            told['nees'].append(float(e @ np.linalg.solve(step.covariance, e)))
+            told.nees.append(float(e @ np.linalg.solve(step.covariance, e)))
 
 
 def memory() -> float:
@@ -119,25 +123,32 @@ def restart(life: Life, path: str) -> None:
     t1 = time.process_time()
     life.slam = Slam(background=True, checkpoint=checkpoint)
     t2 = time.process_time()
-    print(f'state of {os.path.getsize(path) / 2 ** 20:.0f} MB: read in {t1 - t0:.2f} s, first '
-          f'scan {t2 - t1:.2f} s later')
+    print(f'state of {os.path.getsize(path) / 2 ** 20:.0f} MB: read in {t1 - t0:.2f} s, ready '
+          f'for a scan {t2 - t1:.2f} s later')
+
+
+def row(life: Life, told: Told) -> str:
+    """Draw the map, and return a line of what a quarter took."""
+    t0 = time.process_time()
+    life.slam.grid()
+    drawn = time.process_time() - t0
+    state = life.slam.checkpoint()
+    path = 1e3 * np.array(told.path)
+    return (f'{life.clock / 3600.0:6.2f} {life.metres / 1e3:6.2f} {len(state.poses):6} '
+            f'{len(state.scans):6} {memory():6.0f} {path.mean():8.2f} {path.max():8.0f} '
+            f'{1e3 * np.mean(told.beside):10.2f} {1e3 * drawn:10.0f} '
+            f'{np.median(told.error):7.3f} {max(told.error):8.3f} {np.mean(told.nees):6.2f}')
 
 
 def main() -> None:
     """Print a row per quarter of an hour."""
     hours = float(sys.argv[1]) if len(sys.argv) > 1 else 2.0
-    life = Life(sys.argv[2] if len(sys.argv) > 2 else 'office', np.random.default_rng(16))
-    print(' hours  views  scans     MB   ms path  ms beside  redraw ms   error  largest   NEES')
-    for quarter in range(1, round(hours * 4) + 1):
-        told = life.quarter()
-        t0 = time.process_time()
-        life.slam.grid()
-        drawn = time.process_time() - t0
-        graph = life.slam._map.graph
-        print(f'{quarter / 4:6.2f} {len(graph.clouds):6} {len(graph.scans):6} {memory():6.0f} '
-              f'{1e3 * told["path"].mean():9.2f} {1e3 * told["beside"].mean():10.2f} '
-              f'{1e3 * drawn:10.0f} {np.median(told["error"]):7.3f} {told["error"].max():8.3f} '
-              f'{told["nees"].mean():6.2f}', flush=True)
+    world = WORLDS[sys.argv[2] if len(sys.argv) > 2 else 'office']()
+    life = Life(world, np.random.default_rng(16))
+    print(' hours     km  views  scans     MB  ms path  longest  ms beside  redraw ms   error'
+          '  largest   NEES')
+    while life.clock < 3600.0 * hours:
+        print(row(life, life.quarter()), flush=True)
     if len(sys.argv) > 3:
         restart(life, sys.argv[3])
 

@@ -14,7 +14,8 @@ pose told; views. Asserts nothing.
 
 import sys
 
-from benchmarks.life import Life, ROOMS
+from benchmarks.data.errands import CORRIDOR, office, ROOMS
+from benchmarks.life import Life
 import numpy as np
 from scipy.spatial import cKDTree
 from somfusion_ros.geometry import Array, between
@@ -22,7 +23,7 @@ from somfusion_ros.simulation import floor_plan
 from somfusion_ros.slam.slam import Slam
 
 NEAR = 0.1        # [m] from what stands to what is drawn
-CLEAR = 0.8       # [m] from a way to the middle of a piece of furniture
+CLEAR = 1.0       # [m] from a way to the middle of a piece of furniture
 PIECES = 12
 # x0, y0, x1, y1 [m] of the rooms in which furniture is moved.
 INSIDE = np.array([(0.4, 6.4, 3.8, 9.6), (4.6, 6.4, 7.6, 9.6), (8.4, 6.4, 12.6, 9.6),
@@ -50,17 +51,16 @@ class Week(Life):
     """A robot in an office whose furniture is moved."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        super().__init__('office', rng)
-        self._walls = self._plan.segments
-        self._ways = outline(np.array([way for door, _, x, y in ROOMS for way in (
-            (door, 5.2, door, y), (door, y, x, y))]))
-        self._pieces = [piece(rng, self._ways) for _ in range(PIECES)]
+        super().__init__(office(), rng)
+        self._walls = self.world.segments
+        self._driven = outline(np.array([way for door, x, y in ROOMS for way in (
+            (door, CORRIDOR, door, y), (door, y, x, y))]))
+        self._pieces = [piece(rng, self._driven) for _ in range(PIECES)]
         self._moved: list[Array] = []
         self._stand()
 
     def _stand(self) -> None:
-        self._plan = floor_plan.FloorPlan(np.concatenate([self._walls, *self._pieces]),
-                                          self._plan.size, self._plan.routes)
+        self.world = office(np.concatenate([self._walls, *self._pieces]))
 
     def night(self) -> None:
         """Switch the robot off and on, and move half of the furniture meanwhile."""
@@ -68,14 +68,14 @@ class Week(Life):
         moving = self._rng.choice(PIECES, PIECES // 2, replace=False)
         self._moved = [self._pieces[k] for k in moving]
         for k in moving:
-            self._pieces[k] = piece(self._rng, self._ways)
+            self._pieces[k] = piece(self._rng, self._driven)
         self._stand()
 
     def right(self) -> tuple[float, float, float]:
         """Return the shares of walls drawn that stand, of what stands drawn, of what went."""
         grid = self.slam.grid()
         drawn = cKDTree(grid.points(grid.occupied))
-        standing = self._seen_from_start(outline(self._plan.segments))
+        standing = self._seen_from_start(outline(self.world.segments))
         furniture = self._seen_from_start(outline(np.concatenate(self._pieces)))
         stands = cKDTree(standing).query(drawn.data)[0] < NEAR
         found = drawn.query(furniture)[0] < NEAR
@@ -88,7 +88,7 @@ class Week(Life):
 
     def _seen_from_start(self, points: Array) -> Array:
         """Return points (N, 2) in the map's frame, where the robot began."""
-        return between(self._first, np.column_stack([points, np.zeros(len(points))]))[:, :2]
+        return between(self.first, np.column_stack([points, np.zeros(len(points))]))[:, :2]
 
 
 def main() -> None:
@@ -101,7 +101,7 @@ def main() -> None:
         told = week.quarter()
         right, found, cleared = week.right()
         print(f'{day:4} {right:12.3f} {found:16.3f} {cleared:16.3f} '
-              f'{np.median(told["error"]):7.3f} {told["error"].max():8.3f} '
+              f'{np.median(told.error):7.3f} {max(told.error):8.3f} '
               f'{len(week.slam.views()[0]):6}', flush=True)
         week.night()
 

@@ -29,23 +29,24 @@ class Outline:
     origin: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
-    def hits(self) -> Array:
+    def hits(self) -> NDArray[np.float32]:
         """Every return and the wall between them (K, 2)."""
         return self._surface[0]
 
     @property
-    def walls(self) -> Array:
+    def walls(self) -> NDArray[np.float32]:
         """Both ends (2 L, 2) of each piece of surface between neighbouring returns."""
         return self._surface[1]
 
     @cached_property
-    def _surface(self) -> tuple[Array, Array]:
-        return _walls(self.ends[self.hit], np.flatnonzero(self.hit), self.reach[self.hit])
+    def _surface(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        hits, walls = _walls(self.ends[self.hit], np.flatnonzero(self.hit), self.reach[self.hit])
+        return hits.astype(np.float32), walls.astype(np.float32)   # of thousands of scans
 
     @cached_property
-    def rim(self) -> Array:
+    def rim(self) -> NDArray[np.float32]:
         """Polygon (M, 2) of the space that the beams passed, closed through the origin."""
-        return _rim(self.ends, self.reach, self.origin)
+        return _rim(self.ends, self.reach, self.origin).astype(np.float32)
 
 
 def _walls(hits: Array, beams: NDArray[np.intp], ranges: Array) -> tuple[Array, Array]:

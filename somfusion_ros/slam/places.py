@@ -32,6 +32,12 @@ class PlaceTuning:
         'shared logs')
     enough: int = tuned(
         2, 'views', 'at one place, so that no more are added', 'shared logs')
+    around: float = tuned(
+        2.5, 'least travels', 'a view within this distance and turn lies around the place',
+        'benchmarks/life.py')
+    well: int = tuned(
+        8, 'views', 'around a place, of two passes or more, so that one of the nearest explains '
+        'what any other way through it shows', 'benchmarks/life.py')
     full: int = tuned(
         4, 'views', 'at one place, from which on a new one must show much that they do not',
         'benchmarks/life.py')
@@ -39,7 +45,8 @@ class PlaceTuning:
         0.15, 'share of points', 'that an old surface may explain less than the newest, where '
         'the place is full', 'benchmarks/life.py')
     tried: int = tuned(
-        3, 'views', 'nearest, of a full place, that may explain the scan', 'benchmarks/life.py')
+        3, 'views', 'nearest, of a full or well known place, that may explain the scan',
+        'benchmarks/life.py')
     sure: tuple[float, float] = tuned(
         (0.15, 0.05), 'm, rad', 'sigma of the old view seen from the robot; beyond it the loop '
         'is not closed yet', 'shared logs')
@@ -91,13 +98,13 @@ def known(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConf
     """
     apart = distance(pose, poses, config)
     apart[~usable] = np.inf
-    count = np.count_nonzero(apart < TUNING.near)
-    if count < TUNING.enough:
-        return KnownPlace((), 0.0)
-    if count < TUNING.full:
-        return KnownPlace((int(np.argmin(apart)),), TUNING.loss)
-    views = np.argsort(apart)[:TUNING.tried]
-    return KnownPlace(tuple(int(view) for view in views), TUNING.loss_full)
+    here = np.count_nonzero(apart < TUNING.near)
+    nearest = tuple(int(view) for view in np.argsort(apart)[:TUNING.tried])
+    if here >= TUNING.full:
+        return KnownPlace(nearest, TUNING.loss_full)
+    if np.count_nonzero(apart < TUNING.around) >= TUNING.well:
+        return KnownPlace(nearest, TUNING.loss)
+    return KnownPlace(nearest[:1] if here >= TUNING.enough else (), TUNING.loss)
 
 
 def nearest_seen(pose: Array, poses: Array, clouds: Sequence[Cloud], config: SlamConfig) -> int:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot that lies, in every way that its seed chooses."""
 
-from functools import cache
 import json
 from typing import Any
 
@@ -35,7 +34,7 @@ class Liar:
         self._heard: dict[str, TeamState] = {}
         self._old: list[tuple[str, Any, int]] = []
         self._views: dict[str, list[bytes]] = {}
-        self.due = 0.0     # [s]: when it says something next
+        self._due = 0.0
 
     def meet(self, robot: str, now: float) -> None:
         """Listen to a robot."""
@@ -55,9 +54,9 @@ class Liar:
 
     def work(self, now: float) -> None:
         """Say something, now and then."""
-        if now < self.due:
+        if now < self._due:
             return
-        self.due = now + PERIOD
+        self._due = now + PERIOD
         self._number += 1
         {'garbage': self._garbage, 'wrong pairs': self._wrong, 'ghosts': self._ghosts,
          'absent robots': self._absent, 'walls': self._walls, 'replay': self._replay,
@@ -105,16 +104,18 @@ class Liar:
 
     def _walls(self, now: float) -> None:
         self._wrong(now)
-        self._map(now, 900, 100)
+        self._map(now, np.full((900, 900), 100, np.int8))
 
     def _free(self, now: float) -> None:
-        self._map(now, 300, -2)     # it has driven everywhere
+        cells = np.full((300, 300), -2, np.int8)   # it has driven everywhere
+        self._map(now, cells)
         self._wrong(now)
 
-    def _map(self, now: float, width: int, value: int) -> None:
-        """Say a map of equal cells."""
-        key = even_map(width, value)
-        self._network.publish(self.name, MAP, key, len(key), now)
+    def _map(self, now: float, cells: np.ndarray[Any, np.dtype[np.int8]]) -> None:
+        """Say a map."""
+        encoder = MapEncoder()
+        encoder.encode(MapCells(cells, 0.05, Pose()), EPOCH)
+        self._network.publish(self.name, MAP, encoder.key, len(encoder.key), now)
 
     def _replay(self, now: float) -> None:
         if self._old:
@@ -147,11 +148,3 @@ class Liar:
         epochs = {robot: state.epoch or EPOCH for robot, state in self._heard.items()}
         data = bonds_with(self.name, EPOCH, epochs, self._rng, int(self._rng.integers(1, 3)))
         self._network.publish(self.name, BONDS, data, len(data), now)
-
-
-@cache
-def even_map(width: int, value: int) -> bytes:
-    """Encode a square map, so many cells wide, of equal cells."""
-    encoder = MapEncoder()
-    encoder.encode(MapCells(np.full((width, width), value, np.int8), 0.05, Pose()), EPOCH)
-    return encoder.key
