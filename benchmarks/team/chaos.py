@@ -3,14 +3,18 @@
 """
 A year of faults an hour: teams in simulated time, with every fault that a seed chooses.
 
-    python -m benchmarks.team.chaos --seeds 0 100      # a campaign
-    python -m benchmarks.team.chaos --seed 17          # one seed again, and the faults that matter
+    python -m benchmarks.team.chaos --seeds 0 100 --lines a.jsonl    # a campaign, a line per seed
+    python -m benchmarks.team.chaos --tables a.jsonl b.jsonl         # the tables of what ran
+    python -m benchmarks.team.chaos --seed 17       # one seed again, and the faults that matter
 """
 
 import argparse
 from collections import Counter
 from collections.abc import Iterable
+import json
+from pathlib import Path
 import time
+from typing import Any
 
 import numpy as np
 from somfusion_ros.simulation.chaos.campaign import run_seed, shrink
@@ -19,55 +23,84 @@ from somfusion_ros.simulation.chaos.records import Outcome
 from somfusion_ros.simulation.chaos.tapes import record_all, Tape
 
 EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.01)    # of probabilities
+SAVED = 50      # seeds between two savings of what was matched
 
 
 def main() -> None:
-    """Run seeds, and print a table."""
+    """Run seeds, or print tables."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seed', type=int)
     parser.add_argument('--seeds', type=int, nargs=2, default=(0, 20))
-    parser.add_argument('--minutes', type=float, default=1e9, help='stop after this time')
+    parser.add_argument('--lines', type=Path, help='file to which a line per seed is added')
+    parser.add_argument('--tables', type=Path, nargs='+', help='files of lines')
+    parser.add_argument('--memory', type=Path, help='file that keeps what was matched')
     options = parser.parse_args()
-    tapes, matching = record_all(42.0), Matching()
-    if options.seed is not None:
-        outcome = run_seed(options.seed, tapes, matching)
-        if outcome.broken:
-            outcome = shrink(outcome, tapes, matching)
-        print(*(f'  {fault}' for fault in outcome.faults), sep='\n')
-        print(*(outcome.broken or ['nothing broke']), sep='\n')
+    if options.tables:
+        print_tables([json.loads(line) for path in options.tables
+                      for line in path.read_text().splitlines()])
         return
-    campaign(range(*options.seeds), 60.0 * options.minutes, tapes, matching)
+    tapes, matching = record_all(42.0), Matching()
+    if options.memory and options.memory.exists():
+        matching.memory.load(options.memory)
+    if options.seed is not None:
+        explain(options.seed, tapes, matching)
+        return
+    print_tables(campaign(range(*options.seeds), tapes, matching, options.lines, options.memory))
 
 
-def campaign(seeds: Iterable[int], time_left: float, tapes: list[Tape], matching: Matching
-             ) -> None:
-    """Run seeds for a time [s] at most; print each that breaks at once, and tables at the end."""
-    outcomes: list[Outcome] = []
-    start = time.monotonic()
+def explain(seed: int, tapes: list[Tape], matching: Matching) -> None:
+    """Run one seed, and print the faults that matter."""
+    outcome = run_seed(seed, tapes, matching)
+    if outcome.broken:
+        outcome = shrink(outcome, tapes, matching)
+    print(*(f'  {fault}' for fault in outcome.faults), sep='\n')
+    print(*(outcome.broken or ['nothing broke']), sep='\n')
+
+
+def campaign(seeds: Iterable[int], tapes: list[Tape], matching: Matching, lines: Path | None,
+             memory: Path | None) -> list[dict[str, Any]]:
+    """Run seeds, and return a record of each; print each that breaks at once."""
+    records = []
     for seed in seeds:
-        if time.monotonic() - start > time_left:
-            break
-        outcomes.append(run_seed(seed, tapes, matching))
-        if outcomes[-1].broken:
-            print(f'seed {seed}: {outcomes[-1].broken[0]}', flush=True)
-    print(f'{len(outcomes)} seeds, {sum(one.seconds for one in outcomes) / 3600.0:.1f} h of team '
-          f'time in {time.monotonic() - start:.0f} s, {time.process_time():.0f} s of CPU, '
-          f'{sum(one.joined for one in outcomes)} ended joined, '
-          f'{sum(one.accepted for one in outcomes)} accepted transforms checked, '
-          f'{sum(one.bent for one in outcomes)} as views bend them, matched {matching.done} of '
-          f'{matching.asked} times')
-    print_faults(outcomes)
-    print_calibration([verdict for one in outcomes for verdict in one.judged])
+        start = time.process_time()
+        outcome = run_seed(seed, tapes, matching)
+        records.append(record_of(outcome, time.process_time() - start))
+        if outcome.broken:
+            print(f'seed {seed}: {outcome.broken[0]}', flush=True)
+        if lines:
+            with lines.open('a') as file:
+                file.write(json.dumps(records[-1]) + '\n')
+        if memory and len(records) % SAVED == 0:
+            matching.memory.save(memory)
+    return records
 
 
-def print_faults(outcomes: list[Outcome]) -> None:
-    """Print how often each fault was injected, and how often in runs that broke."""
-    injected = Counter(fault.kind for one in outcomes for fault in one.faults)
-    broken = Counter(fault.kind for one in outcomes if one.broken for fault in one.faults)
+def record_of(outcome: Outcome, cpu: float) -> dict[str, Any]:
+    """Return what the tables need of a run; cpu [s]."""
+    return {'seed': outcome.seed, 'cpu': round(cpu, 2), 'seconds': outcome.seconds,
+            'faults': [fault.kind for fault in outcome.faults], 'broken': outcome.broken,
+            'accepted': outcome.accepted, 'bent': outcome.bent, 'agreed': outcome.agreed,
+            'joined': outcome.joined, 'digest': outcome.digest.hex(),
+            'judged': [(round(p, 4), right) for p, right in outcome.judged]}
+
+
+def print_tables(records: list[dict[str, Any]]) -> None:
+    """Print what ran, which faults, and how well verdicts are calibrated."""
+    total = Counter({key: sum(one[key] for one in records) for key in (
+        'seconds', 'cpu', 'joined', 'accepted', 'bent', 'agreed')})
+    broken = [one for one in records if one['broken']]
+    print(f'{len(records)} seeds, {total["seconds"] / 3600.0:.1f} h of team time in '
+          f'{total["cpu"]:.0f} s of CPU, {total["joined"]} joined at an end, '
+          f'{total["accepted"]} accepted transforms checked, {total["bent"]} as views bend them, '
+          f'{total["agreed"]} times all were to agree; {len(broken)} seeds broke an invariant: '
+          f'{[one["seed"] for one in broken]}')
+    injected = Counter(kind for one in records for kind in one['faults'])
+    in_broken = Counter(kind for one in broken for kind in one['faults'])
     print('| fault | injected | in runs that broke |\n|---|---|---|')
     for kind, count in sorted(injected.items()):
-        print(f'| {kind} | {count} | {broken[kind]} |')
+        print(f'| {kind} | {count} | {in_broken[kind]} |')
+    print_calibration([verdict for one in records for verdict in one['judged']])
 
 
 def print_calibration(judged: list[tuple[float, bool]]) -> None:

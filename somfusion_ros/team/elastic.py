@@ -95,10 +95,12 @@ def astray(robots: Mapping[str, ViewSet], world: Mapping[str, Pose], bond: Joine
     The accepted pairs made the world, and left out whom they contradict: a bond that tells of
     another place is that of a liar.
     """
-    off = [compose(world[m.target], compose(robots[m.target].poses[m.target_view], m.z))
-           - compose(world[m.source], robots[m.source].poses[m.source_view])
-           for m in bond.matches]
-    return float(np.median(np.hypot(*np.array(off)[:, :2].T)))
+    target, source = bond.matches[0].target, bond.matches[0].source
+    views = np.array([(m.target_view, m.source_view) for m in bond.matches])
+    z = np.array([m.z for m in bond.matches])
+    off = (compose(world[target], compose(robots[target].poses[views[:, 0]], z))
+           - compose(world[source], robots[source].poses[views[:, 1]]))
+    return float(np.median(np.hypot(off[:, 0], off[:, 1])))
 
 
 def _tie(robots: Mapping[str, ViewSet], maps: Mapping[str, Array], anchor: str, robot: str

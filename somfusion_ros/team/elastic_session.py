@@ -17,7 +17,7 @@ from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond import Bond
-from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, told, ToldBond
+from somfusion_ros.team.bond_codec import encode_bonds, told, ToldBond
 from somfusion_ros.team.elastic import astray
 from somfusion_ros.team.gliding import Glide
 from somfusion_ros.team.joint_drawing import JointDrawing
@@ -77,17 +77,17 @@ class ElasticSession:
         """Add what a robot told of its path; ValueError where it is unusable."""
         if robot not in self._stores and len(self._stores) >= MOST_ROBOTS:
             raise ValueError(f'views of more than {MOST_ROBOTS} robots')
-        self._stores.setdefault(robot, ViewStore()).take(batch)
+        self._stores.setdefault(robot, ViewStore(self._matchers.reader)).take(batch)
 
     def take_bonds(self, author: str, data: bytes) -> None:
         """Replace the bonds that a peer tells; ValueError where they are unusable."""
         if data != self._last_heard.get(author):     # it is repeated now and then
-            self._heard[author] = decode_bonds(data, author)
+            self._heard[author] = self._matchers.reader.bonds(data, author)
             self._last_heard[author] = data
 
     def own_bonds(self) -> bytes:
         """Return the bonds that this robot tells."""
-        return encode_bonds([self._own[peer] for peer in sorted(self._own)])
+        return self._last_heard.get(self._name) or encode_bonds(())
 
     def bytes_of(self, robot: str) -> int:
         """Return how many bytes a robot told of its path."""
@@ -95,10 +95,8 @@ class ElasticSession:
 
     def kept(self, robot: str) -> bytes:
         """Return all that a robot told, as those who come later get it; empty if nothing."""
-        store = self._stores.get(robot)
-        if store is None or not store.batches:
-            return b''
-        return encode_kept(store.batches, self._last_heard.get(robot, b''))
+        batches = self._stores[robot].batches if robot in self._stores else []
+        return encode_kept(batches, self._last_heard.get(robot, b'')) if batches else b''
 
     def weigh(self, peer: str, verdict: Alignment, epochs: Epochs, confidence: float) -> Alignment:
         """
@@ -123,7 +121,8 @@ class ElasticSession:
         self._own.pop(peer, None)
         if bond.holds and accepted and bond.target == self._name:
             self._own[peer] = told(bond, (epochs[bond.target], epochs[bond.source]))
-        self.take_bonds(self._name, self.own_bonds())     # as the peers will read it
+        self.take_bonds(self._name, encode_bonds(       # as the peers will read it
+            [self._own[name] for name in sorted(self._own)]))
 
     def _views_of(self, robots: tuple[str, ...], epochs: Epochs) -> dict[str, ViewSet]:
         """Return the views of those robots that told them of their present maps."""

@@ -23,7 +23,7 @@ from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, mark_driven, SharedMap, TUNING
-from somfusion_ros.team.state_codec import decode_state
+from somfusion_ros.team.state_codec import TeamState
 
 FAULTS = {STATE: 'state', MAP: 'map', CHANGES: 'map', TRANSFORMS: 'transform'}   # in diagnostics
 MOST_TRANSFORMS = 64     # that wait for the worker
@@ -70,7 +70,7 @@ class Inbox:
 
         One that overtook it on the way, with a higher rank, stays where nobody has read it yet.
 
-        read makes of it: the text of a state, the bytes of a map or of changes, TimedClusters, a
+        read makes of it: a TeamState, the bytes of a map or of changes, TimedClusters, a
         PlainMap, or the pose and covariance of a plain robot's transform.
         """
         self.heard[robot].hear(channel, size, self._clock())
@@ -204,9 +204,9 @@ class Inbox:
             if own is not None and own[0] == self._session.epoch_of(robot):
                 self._session.take_map(robot, _shared(own[1]), self._clock())
 
-    def _take_state(self, robot: str, text: str) -> None:
+    def _take_state(self, robot: str, state: TeamState) -> None:
         """Accept what a peer accepted, unless something newer came before it."""
-        state, before = decode_state(text), self.heard[robot].session
+        before = self.heard[robot].session
         if not self.heard[robot].begin(state.session, self._clock()):
             raise ValueError(f'two robots are called {robot}; neither is listened to')
         if state.session != before and robot in self._decoders:

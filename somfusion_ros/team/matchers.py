@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a session compares maps: handed in, so that a simulation can remember what it did."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from somfusion_ros.fusion.alignment import align, Alignment
 from somfusion_ros.fusion.cache import FusionCache
@@ -14,14 +14,23 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bond_codec import ToldBond
 from somfusion_ros.team.bonding import bond_of, rival_of
+from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.elastic import join
+from somfusion_ros.team.fact_reader import FactReader
+from somfusion_ros.team.graph import Solution, solve
 from somfusion_ros.team.joint_map import draw_joint
 from somfusion_ros.team.screening import screen, Screening
 from somfusion_ros.team.view_set import ViewSet
 
 
 class Matchers:
-    """The matchers that a robot uses."""
+    """The matchers that a robot uses; reader: what unpacks the facts that it hears."""
+
+    reader = FactReader()
+
+    def solve(self, robots: Iterable[str], constraints: Sequence[MapConstraint]) -> Solution:
+        """Place every robot's map in the world of its connected group."""
+        return solve(robots, constraints)
 
     def align(self, target: Grid, source: Grid, config: FusionConfig,
               cache: FusionCache) -> Alignment:

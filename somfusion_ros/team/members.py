@@ -22,9 +22,10 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.graph import Solution, solve
+from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.known_poses import KnownPoses
 from somfusion_ros.team.map_change import missing_walls
+from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.pair_history import PairHistory
 from somfusion_ros.team.shared_map import SharedMap
 
@@ -53,8 +54,9 @@ class Team:
     """
 
     def __init__(self, name: str, minimum_change: float = 0.1,
-                 known_poses: Mapping[str, Pose] | None = None) -> None:
-        self.name = name
+                 known_poses: Mapping[str, Pose] | None = None,
+                 matchers: Matchers = Matchers()) -> None:
+        self.name, self._matchers = name, matchers
         self.minimum_change = minimum_change
         self.epochs: dict[str, Epoch] = {}
         self.absent: frozenset[str] = frozenset()
@@ -208,7 +210,7 @@ class Team:
         key = robots, [(*c.robots, c.author, *c.T_target_source, c.covariance.tobytes(),
                         c.probability) for c in constraints]
         if key != self._solved_for:
-            self._solved = solve(robots, constraints)
+            self._solved = self._matchers.solve(robots, constraints)
             self._solved_for = key
         return self._solved
 

@@ -72,7 +72,8 @@ class FusionSession:
         self._cache, self._matchers = FusionCache(), matchers
         self.snapshot = Snapshot()
         self._name, self._config, self._say = name, config, say
-        self._team = Team(name, config.minimum_change, known if config.known_init_poses else None)
+        self._team = Team(name, config.minimum_change, known if config.known_init_poses else {},
+                          matchers)
         self._departed = DepartedRobots(self._team)
         self._scouting = Scouting(config.minimum_change, self._cache, matchers)
         self._looked: dict[str, float] = {}
@@ -98,8 +99,7 @@ class FusionSession:
     @property
     def own_grid(self) -> Grid | None:
         """The robot's own newest map."""
-        own = self._team.maps.get(self._name)
-        return None if own is None else own.grid
+        return own.grid if (own := self._team.maps.get(self._name)) else None
 
     def learned_own(self) -> LearnedMap:
         """Return what was learned of the robot's own newest map, which it has."""
@@ -133,7 +133,7 @@ class FusionSession:
             self._words.pop(peer, None)
         self._say(f'{robot} began another map ({epoch}), for the {ordinal(before + 1)} time: all '
                   f'that was said of its old one has lapsed, its place is sought in {pause:.0f} s')
-        for lapsed in set(self._team.lapsed()) - self._lapsed:
+        for lapsed in sorted(set(self._team.lapsed()) - self._lapsed):
             self._lapsed.add(lapsed)
             self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
         return True
@@ -192,7 +192,7 @@ class FusionSession:
             self._departed.update(present)
         solution, pairs = self._team.solution(), self._team.pairs
         dropped = {(d.constraint.robots, d.constraint.kind): d.reason for d in solution.dropped}
-        for new in dropped.keys() - self._dropped:
+        for new in [key for key in dropped if key not in self._dropped]:
             self._say(dropped[new])
         self._dropped = set(dropped)
         group, anchor = solution.group_of(self._name), self._config.world_anchor

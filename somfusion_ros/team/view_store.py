@@ -16,10 +16,8 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.loop_closer import NOTHING
 from somfusion_ros.slam.scan import Cloud
-from somfusion_ros.team.beam_code import decode_beams
-from somfusion_ros.team.joint import settled
-from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decode_taken_back,
-                                           decode_view, Facts, ViewFact)
+from somfusion_ros.team.fact_reader import FactReader
+from somfusion_ros.team.view_facts import decode_taken_back, Facts, ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 VERSION = 2
@@ -71,7 +69,8 @@ def decode_batch(data: bytes) -> tuple[Epoch, str, list[tuple[int, bytes]]]:
 class ViewStore:
     """What one robot has told of its path, in the epoch that it spoke of last."""
 
-    def __init__(self) -> None:
+    def __init__(self, reader: FactReader = FactReader()) -> None:
+        self._reader = reader
         self.epoch: Epoch | None = None
         self.bytes = 0
         self.batches: list[bytes] = []     # as they came, for those who come later
@@ -103,10 +102,11 @@ class ViewStore:
                 self._add(kind, fact)
             except ValueError as error:
                 wrong = str(error)
-        self._views = None
-        if self.bytes > before and self._kept + len(data) <= MOST_BYTES:
-            self.batches.append(data)
-            self._kept += len(data)
+        if self.bytes > before:
+            self._views = None
+            if self._kept + len(data) <= MOST_BYTES:
+                self.batches.append(data)
+                self._kept += len(data)
         if wrong:
             raise ValueError(wrong)
 
@@ -132,14 +132,14 @@ class ViewStore:
         if self.bytes + len(fact) > MOST_BYTES:
             raise ValueError(f'the views of one robot are over {MOST_BYTES} bytes')
         if kind == VIEW:
-            view = decode_view(fact)
+            view = self._reader.view(fact)
             if view.number < len(self._chain) or view.number in self._waiting:
                 return
             self._waiting[view.number] = view
         elif kind == LOOP:
-            self._loops[fact] = decode_constraint(fact)
+            self._loops[fact] = self._reader.loop(fact)
         elif kind == SCAN:
-            self._scans[fact] = decode_scan(fact)
+            self._scans[fact] = self._reader.scan(fact)
         elif kind == TAKEN_BACK:
             self._taken_back.update(decode_taken_back(fact))
         else:
@@ -147,7 +147,7 @@ class ViewStore:
         self.bytes += len(fact)
         while len(self._chain) in self._waiting:
             view = self._waiting.pop(len(self._chain))
-            self._clouds.append(decode_beams(view.beams))
+            self._clouds.append(self._reader.cloud(view.beams))
             self._chain.append(replace(view, beams=b''))
 
     def views(self) -> ViewSet:
@@ -158,7 +158,7 @@ class ViewStore:
         """
         if self._views is None:
             n = len(self._chain)
-            self._views = settled(ViewSet(
+            self._views = self._reader.settled(ViewSet(
                 np.array([view.stamp for view in self._chain]),
                 np.array([view.pose for view in self._chain]).reshape(-1, 3),
                 [NOTHING if k in self._taken_back else cloud

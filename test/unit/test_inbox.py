@@ -15,7 +15,7 @@ from somfusion_ros.team.inbox import Inbox
 from somfusion_ros.team.map_codec import key_message, MapEncoder, number_of
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, SharedMap
-from somfusion_ros.team.state_codec import encode_state, TeamState
+from somfusion_ros.team.state_codec import TeamState
 
 ROOM = fake_grid(furnished_room())
 CELLS = MapCells(ROOM.to_occupancy(), ROOM.resolution, ROOM.T_frame_grid)
@@ -38,7 +38,7 @@ class Listener:
         self.inbox.heard = {'a': Heard(), 'z': Heard()}
         self.session.begin('a', Epoch('1f'), 0.0)
         self.session.take_map('a', SharedMap(ROOM))
-        self.hear(STATE, encode_state(TeamState('ab12', epoch=EPOCH)))
+        self.hear(STATE, TeamState('ab12', epoch=EPOCH))
 
     def hear(self, channel: str, message: object) -> None:
         """Take a message at once."""

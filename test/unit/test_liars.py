@@ -27,7 +27,8 @@ from somfusion_ros.team.members import Team
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, MOST_WALLS, SharedMap
-from somfusion_ros.team.state_codec import encode_state, MAX_CONSTRAINTS, TeamState
+from somfusion_ros.team.state_codec import (decode_state, encode_state, MAX_CONSTRAINTS,
+                                            TeamState)
 from somfusion_ros.team.voices import one_voice_each
 
 ROOM = fake_grid(fake_room())
@@ -235,7 +236,8 @@ def test_the_memory_of_a_peer_has_a_bound_that_it_cannot_pass() -> None:
     for number in range(12):
         clock[0] += 1.0
         inbox.keep('z', STATE, state(number, constraints=tuple(
-            MapConstraint('z', f'g{k}', Pose(), GOOD) for k in range(MAX_CONSTRAINTS))), 0, str)
+            MapConstraint('z', f'g{k}', Pose(), GOOD) for k in range(MAX_CONSTRAINTS))), 0,
+            decode_state)
         encoder = MapEncoder()
         encoder.encode(MapCells(np.roll(noise, number), 0.05, Pose()), Epoch('2e'))
         for channel in (MAP, CHANGES):
@@ -253,7 +255,7 @@ def test_a_map_that_is_late_does_not_replace_a_newer_one() -> None:
     clock, counts = [0.0], []
     inbox, session = station(counts, clock)
     inbox.heard['z'] = Heard()
-    inbox.keep('z', STATE, state(1), 0, str)
+    inbox.keep('z', STATE, state(1), 0, decode_state)
     encoder, keys = MapEncoder(), []
     for share in (0.1, 0.2):
         cells = walls(60, share)
@@ -264,7 +266,8 @@ def test_a_map_that_is_late_does_not_replace_a_newer_one() -> None:
         inbox.keep('z', MAP, key, len(key), bytes)
         inbox.drain()
     assert np.array_equal(session.shown_maps()['z'].grid.to_occupancy(), cells.values)
-    inbox.keep('z', STATE, state(1).replace('ab12', 'cd34'), 0, str)   # it was started again
+    again = state(1).replace('ab12', 'cd34')
+    inbox.keep('z', STATE, again, 0, decode_state)
     encoder = MapEncoder()
     encoder.encode(walls(60, 0.3), Epoch('2e'))
     inbox.keep('z', MAP, encoder.key, len(encoder.key), bytes)
@@ -279,10 +282,10 @@ def test_a_state_that_is_late_or_doubled_changes_nothing() -> None:
     inbox.heard['z'] = Heard()
     placed = (MapConstraint('a', 'z', Pose(1, 2, 0.3), GOOD, epochs=(Epoch('1f'), Epoch('2e'))),)
     for number, said in ((5, placed), (4, ()), (5, ()), (0, ())):
-        inbox.keep('z', STATE, state(number, constraints=said), 0, str)
+        inbox.keep('z', STATE, state(number, constraints=said), 0, decode_state)
         inbox.drain()
     assert set(session.refresh({'z'}).solution.group_of('a')) == {'a', 'z'}
-    inbox.keep('z', STATE, state(6), 0, str)
+    inbox.keep('z', STATE, state(6), 0, decode_state)
     inbox.drain()
     assert set(session.refresh({'z'}).solution.group_of('a')) == {'a'}
     assert not counts

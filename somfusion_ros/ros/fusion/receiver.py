@@ -26,6 +26,7 @@ from somfusion_ros.team.map_codec import HEADER, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.sightings import Sighting, Sightings
+from somfusion_ros.team.state_codec import decode_state
 from std_msgs.msg import String, UInt8MultiArray
 
 SECOND = 10 ** 9   # [ns]
@@ -60,7 +61,8 @@ class Receiver:
 
     def on_state(self, robot: str, message: String) -> None:
         """Keep what a peer accepts."""
-        self.inbox.keep(robot, STATE, message, len(message.data), lambda state: state.data)
+        self.inbox.keep(robot, STATE, message, len(message.data),
+                        lambda state: decode_state(state.data))
 
     def on_clusters(self, robot: str, message: PointCloud2) -> None:
         """Keep the clusters of a peer's map."""

@@ -11,7 +11,7 @@ from hashlib import blake2b
 
 import numpy as np
 from somfusion_ros.geometry import between, compose, Pose
-from somfusion_ros.simulation.chaos.faults import choose, Fault, LAST, NETWORK
+from somfusion_ros.simulation.chaos.faults import choose, EPISODE, EPISODES, Fault, NETWORK
 from somfusion_ros.simulation.chaos.invariants import Invariants
 from somfusion_ros.simulation.chaos.liar import Liar
 from somfusion_ros.simulation.chaos.matching import Matching
@@ -25,7 +25,7 @@ from somfusion_ros.team.channels import POSE
 from somfusion_ros.team.config import TeamConfig
 
 TICK = 0.5           # [s] of simulated time between two steps
-SETTLED = 30.0       # [s] after the last fault, or the last new map, in which all must agree
+SETTLED = 30.0       # [s] after the last new map of an episode, in which all must agree
 LOOK = 2.0           # [s] between two looks at who is there
 DRAWN = 4            # of so many teams one really draws its views, which takes long
 KNOWING = 0.15       # share of the teams whose start poses are given,
@@ -70,11 +70,11 @@ class Team:
     def run(self) -> Outcome:
         """Run to the end, and check all along."""
         todo = [(fault.at, k, True) for k, fault in enumerate(self.faults)] + [
-            (min(fault.at + fault.lasts, LAST), k, False) for k, fault in enumerate(self.faults)]
+            (fault.at + fault.lasts, k, False) for k, fault in enumerate(self.faults)]
         todo.sort()
-        now, looked = 0.0, -LOOK
-        while now < self._last_change() + SETTLED and not self.outcome.broken:
-            now += TICK
+        now, looked, ends = 0.0, -LOOK, [EPISODE * k for k in range(1, EPISODES + 1)]
+        while ends and not self.outcome.broken:
+            now = self._next(now, min(looked + LOOK, ends[0], todo[0][0] if todo else np.inf))
             while todo and todo[0][0] <= now:
                 _, k, begins = todo.pop(0)
                 self._strike(self.faults[k], now) if begins else self._mend(self.faults[k], now)
@@ -82,16 +82,27 @@ class Team:
                 looked = now
                 self._look(now)
             self._step(now)
+            if now >= ends[0]:
+                self._agree(ends.pop(0))
         self.outcome.seconds, self.outcome.digest = now, self._digest()
         if not self.outcome.broken:
-            self._invariants.agreement()
             self._invariants.said()
         return self.outcome
 
-    def _last_change(self) -> float:
-        """Return when the last fault is mended [s] and the last drive has ended."""
-        return max(LAST, *(robot.started + robot.tape.map_times[-1]
-                           for robot in self.robots.values()))
+    def _next(self, now: float, due: float) -> float:
+        """Return the next tick [s] at which anything happens; due [s]: the latest time."""
+        if all(robot.tape.over(now - robot.started) for robot in self.robots.values()):
+            due = min(due, self.network.next_at, *(liar.due for liar in self.liars.values()),
+                      *(robot.station.due for robot in self.robots.values() if robot.station))
+            return max(now + TICK, TICK * float(np.ceil(due / TICK)))
+        return now + TICK
+
+    def _agree(self, now: float) -> None:
+        """Check that all agree at the end of an episode, once the last drive is long over."""
+        if not self.outcome.broken and now >= SETTLED + max(
+                robot.started + robot.tape.map_times[-1] for robot in self.robots.values()):
+            self.outcome.agreed += 1
+            self._invariants.agreement()
 
     def _digest(self) -> bytes:
         """Return bytes that only a run of the same words, poses and maps has."""
@@ -108,6 +119,9 @@ class Team:
     def _step(self, now: float) -> None:
         """Let everybody do a step of work."""
         try:
+            for robot in self.robots.values():
+                if robot.station is not None and not robot.off:
+                    robot.station.follow(robot.playing(now), now)
             for one in self.network.deliver(now):
                 if one.listener in self.liars:
                     self.liars[one.listener].hear(one)
@@ -124,7 +138,6 @@ class Team:
                 liar.work(now)
             for robot in self.robots.values():
                 if robot.station is not None and not robot.off:
-                    robot.station.follow(robot.playing(now), now)
                     robot.station.work(now)
                     self._invariants.accepted(robot, now)
         except Exception as error:  # noqa: B902 (whatever is raised is a find)
@@ -135,9 +148,9 @@ class Team:
         there = [robot for robot in self.robots.values() if robot.station and not robot.off]
         for robot in there:
             assert robot.station is not None
-            robot.station.present = {
+            robot.station.look({
                 other for other in (*(r.name for r in there), *self.liars)
-                if other != robot.name and self.network.reaches(robot.name, other)}
+                if other != robot.name and self.network.reaches(robot.name, other)})
             for other in sorted(robot.station.present):
                 robot.station.meet(other)
             self._invariants.look(robot)
@@ -176,7 +189,7 @@ class Team:
         robot = self.robots[fault.robot]
         kind, _, lie = fault.kind.partition(': ')
         if kind == 'liar':
-            name = f'{"az"[int(fault.size > 0.5)]}liar{len(self.liars)}'
+            name = self._liar_of(fault)
             self.liars[name] = Liar(name, lie, self.network, self._rng)
         elif kind in NETWORK:
             self.network.conditions = worsened(fault, self.network.conditions)
@@ -195,10 +208,13 @@ class Team:
             self._start(robot)
         elif fault.kind == 'kidnapped' and robot.spoilt:
             self._striking.begin(robot, now, robot.tape)     # somebody noticed, and reset its map
-        elif fault.kind.startswith('liar') and self.liars:
-            name = sorted(self.liars)[0]
-            self.network.leave(name)
-            del self.liars[name]
+        elif fault.kind.startswith('liar'):
+            self.network.leave(self._liar_of(fault))
+            del self.liars[self._liar_of(fault)]
+
+    def _liar_of(self, fault: Fault) -> str:
+        """Return the name of a liar, which sorts before those of all robots, or after them."""
+        return f'{"az"[int(fault.size > 0.5)]}liar{self.faults.index(fault)}'
 
     def _stop(self, robot: Robot, off: bool) -> None:
         """Stop a fusion node, or the whole robot."""

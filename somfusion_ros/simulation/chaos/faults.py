@@ -15,8 +15,10 @@ ROBOT = ('fusion crash', 'robot off', 'slam restart elsewhere', 'slam restart wi
          'clock drift')
 DISK = tuple(f'disk {kind}' for kind in DAMAGE if kind)
 KINDS = (*NETWORK, *ROBOT, *DISK, *(f'liar: {kind}' for kind in LIES))
-LAST = 70.0      # [s] at which the last fault is mended
-FIRST = 8.0      # [s] of the first one
+EPISODES = 2     # in a run: faults, then peace in which all must come to agree
+EPISODE = 180.0  # [s] from the start of one to the start of the next,
+FIRST = 8.0      # [s] of its first fault, and
+LAST = 70.0      # [s] at which its last one is mended
 
 
 class Fault(NamedTuple):
@@ -36,8 +38,10 @@ class Fault(NamedTuple):
 def choose(robots: Sequence[str], rng: np.random.Generator) -> list[Fault]:
     """Choose faults for a team, in the order of time."""
     faults = []
-    for _ in range(int(rng.integers(2, 7))):
-        at = float(rng.uniform(FIRST, LAST - 5.0))
-        faults.append(Fault(at, str(rng.choice(KINDS)), str(rng.choice(list(robots))),
-                            float(rng.uniform(2.0, LAST - at)), float(rng.uniform())))
+    for episode in range(EPISODES):
+        for _ in range(int(rng.integers(2, 7))):
+            at = float(rng.uniform(FIRST, LAST - 5.0))
+            faults.append(Fault(EPISODE * episode + at, str(rng.choice(KINDS)),
+                                str(rng.choice(list(robots))),
+                                float(rng.uniform(2.0, LAST - at)), float(rng.uniform())))
     return sorted(faults)

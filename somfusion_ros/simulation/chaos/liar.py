@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot that lies, in every way that its seed chooses."""
 
+from functools import cache
 import json
 from typing import Any
 
@@ -34,7 +35,7 @@ class Liar:
         self._heard: dict[str, TeamState] = {}
         self._old: list[tuple[str, Any, int]] = []
         self._views: dict[str, list[bytes]] = {}
-        self._due = 0.0
+        self.due = 0.0     # [s]: when it says something next
 
     def meet(self, robot: str, now: float) -> None:
         """Listen to a robot."""
@@ -54,9 +55,9 @@ class Liar:
 
     def work(self, now: float) -> None:
         """Say something, now and then."""
-        if now < self._due:
+        if now < self.due:
             return
-        self._due = now + PERIOD
+        self.due = now + PERIOD
         self._number += 1
         {'garbage': self._garbage, 'wrong pairs': self._wrong, 'ghosts': self._ghosts,
          'absent robots': self._absent, 'walls': self._walls, 'replay': self._replay,
@@ -104,18 +105,16 @@ class Liar:
 
     def _walls(self, now: float) -> None:
         self._wrong(now)
-        self._map(now, np.full((900, 900), 100, np.int8))
+        self._map(now, 900, 100)
 
     def _free(self, now: float) -> None:
-        cells = np.full((300, 300), -2, np.int8)   # it has driven everywhere
-        self._map(now, cells)
+        self._map(now, 300, -2)     # it has driven everywhere
         self._wrong(now)
 
-    def _map(self, now: float, cells: np.ndarray[Any, np.dtype[np.int8]]) -> None:
-        """Say a map."""
-        encoder = MapEncoder()
-        encoder.encode(MapCells(cells, 0.05, Pose()), EPOCH)
-        self._network.publish(self.name, MAP, encoder.key, len(encoder.key), now)
+    def _map(self, now: float, width: int, value: int) -> None:
+        """Say a map of equal cells."""
+        key = even_map(width, value)
+        self._network.publish(self.name, MAP, key, len(key), now)
 
     def _replay(self, now: float) -> None:
         if self._old:
@@ -148,3 +147,11 @@ class Liar:
         epochs = {robot: state.epoch or EPOCH for robot, state in self._heard.items()}
         data = bonds_with(self.name, EPOCH, epochs, self._rng, int(self._rng.integers(1, 3)))
         self._network.publish(self.name, BONDS, data, len(data), now)
+
+
+@cache
+def even_map(width: int, value: int) -> bytes:
+    """Encode a square map, so many cells wide, of equal cells."""
+    encoder = MapEncoder()
+    encoder.encode(MapCells(np.full((width, width), value, np.int8), 0.05, Pose()), EPOCH)
+    return encoder.key

@@ -7,7 +7,7 @@ A campaign replays the same few maps in ever new orders: what was matched once n
 The result is that of the real matcher, to the last bit.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
 from typing import Any
@@ -21,15 +21,22 @@ from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.simulation.chaos.memory import Memory, RememberingReader
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bond_codec import ToldBond
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.graph import Solution, solve
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.screening import outline, screen, Screening
 from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.state_codec import decode_state, TeamState
 from somfusion_ros.team.view_set import ViewSet
 
-LARGEST = 20000    # results that are remembered,
+LARGEST = 50000    # results that are remembered,
+SOLUTIONS = 2000   # graphs that were solved,
+FACTS = 30000      # facts that were unpacked,
+STATES = 500       # states that were read,
 DRAWINGS = 200     # and maps that were drawn of views
 
 
@@ -37,32 +44,35 @@ class Matching(Matchers):
     """The matchers of a session, with a memory that all sessions of a campaign share."""
 
     def __init__(self) -> None:
-        self.known: dict[tuple[Any, ...], Any] = {}
-        self._drawn: dict[tuple[Any, ...], Grid] = {}
+        self.memory = Memory(LARGEST)
+        self.reader = remembering = RememberingReader(FACTS)
+        self._first_of = remembering.first_of
+        self._solved, self._states = Memory(SOLUTIONS), Memory(STATES)
+        self._drawn = Memory(DRAWINGS)
         self._digests: WeakKeyDictionary[ViewSet, bytes] = WeakKeyDictionary()
-        self.asked = self.done = 0
+        self._grids: WeakKeyDictionary[Grid, bytes] = WeakKeyDictionary()
         self.draws = True    # views; else what is drawn of the same ones is only the same
 
     def align(self, target: Grid, source: Grid, config: FusionConfig,
               cache: FusionCache) -> Alignment:
         """Match two maps."""
-        found: Alignment = self._remember(('align', digest(target), digest(source)),
+        found: Alignment = self.memory.of(('align', self._map(target), self._map(source)),
                                           lambda: align(target, source, config, cache=cache))
         return replace(found, seconds={})   # how long it took is no part of a simulation
 
     def screen(self, own: Grid, clusters: Clusters, config: FusionConfig,
                cache: FusionCache) -> Screening:
         """Compare a map with a peer's clusters."""
-        key = 'screen', digest(own), blake2b(np.ascontiguousarray(clusters.centres).data,
-                                             digest_size=16).digest()
-        found: Screening = self._remember(
-            key, lambda: screen(learn(own, config, cache), clusters, config))
+        told = blake2b(np.ascontiguousarray(clusters.centres).data, digest_size=16).digest()
+        found: Screening = self.memory.of(
+            ('screen', self._map(own), told),
+            lambda: screen(learn(own, config, cache), clusters, config))
         return found
 
     def clusters(self, session: FusionSession) -> Clusters:
         """Return the clusters that a robot tells of its own map."""
         own = session.own_grid
-        found: Clusters = self._remember(('clusters', digest(own)),
+        found: Clusters = self.memory.of(('clusters', self._map(own)),
                                          lambda: outline(session.learned_own()))
         return found
 
@@ -71,7 +81,7 @@ class Matching(Matchers):
         """Ask the views of two robots about a pose; their names play no part in the answer."""
         key = 'bond', self._of(views[target]), self._of(views[source]), tuple(T_target_source)
         pair = {'a': views[target], 'b': views[source]}
-        found = self._remember(key, lambda: super(Matching, self).bond(
+        found = self.memory.of(key, lambda: super(Matching, self).bond(
             pair, 'a', 'b', T_target_source))
         return _renamed(found, target, source)
 
@@ -80,7 +90,7 @@ class Matching(Matchers):
         """Ask the views of a pair about another pose."""
         pair = {'a': views[bond.target], 'b': views[bond.source]}
         key = ('rival', *map(self._of, pair.values()), tuple(T_target_source), _told(bond.matches))
-        found = self._remember(key, lambda: super(Matching, self).rival(
+        found = self.memory.of(key, lambda: super(Matching, self).rival(
             _renamed(bond, 'a', 'b'), pair, T_target_source))
         return None if found is None else _renamed(found, *bond.pair)
 
@@ -90,7 +100,7 @@ class Matching(Matchers):
         key = ('join', anchor, *((name, self._of(views[name]), *world[name])
                                  for name in sorted(views)),
                *sorted((bond.target, bond.source, _told(bond.matches)) for bond in bonds))
-        found: dict[str, Array] = self._remember(key, lambda: super(Matching, self).join(
+        found: dict[str, Array] = self.memory.of(key, lambda: super(Matching, self).join(
             views, world, bonds, anchor))
         return found
 
@@ -98,15 +108,36 @@ class Matching(Matchers):
              ) -> Grid:
         """Draw a team's views, or what is the same where they are."""
         key = tuple((name, self._of(views[name]), poses[name].tobytes()) for name in sorted(poses))
-        if key not in self._drawn:
-            if len(self._drawn) >= DRAWINGS:
-                self._drawn.clear()
-            self._drawn[key] = super().draw(views, poses, resolution) if self.draws else _sign(
-                key, resolution)
-        return self._drawn[key]
+        drawn: Grid = self._drawn.of((self.draws, key), lambda: super(Matching, self).draw(
+            _apart(views), poses, resolution) if self.draws else _sign(key, resolution))
+        return drawn
+
+    def solve(self, robots: Iterable[str], constraints: Sequence[MapConstraint]) -> Solution:
+        """Place every robot's map in the world of its connected group."""
+        names = sorted(robots)
+        key = tuple(names), tuple((*c.robots, c.author, c.T_target_source, c.covariance.tobytes(),
+                                   c.probability, c.kind, c.epochs) for c in constraints)
+        found: Solution = self._solved.of(key, lambda: solve(names, constraints))
+        return found
+
+    def read_state(self, text: str) -> TeamState:
+        """Read what a robot said, once for all that hear it."""
+        state: TeamState = self._states.of(text, lambda: decode_state(text))
+        return state
+
+    def _map(self, grid: Grid | None) -> bytes:
+        """Return bytes that no other map has."""
+        if grid is None:
+            return b''
+        if grid not in self._grids:
+            self._grids[grid] = blake2b(
+                np.ascontiguousarray(grid.evidence).data, digest_size=16,
+                key=repr((grid.resolution, *grid.T_frame_grid)).encode()[:64]).digest()
+        return self._grids[grid]
 
     def _of(self, views: ViewSet) -> bytes:
         """Return bytes that no other views have."""
+        views = self._first_of(views)
         if views not in self._digests:
             made = blake2b(digest_size=16)
             for array in (views.stamps, views.poses,
@@ -122,15 +153,13 @@ class Matching(Matchers):
             self._digests[views] = made.digest()
         return self._digests[views]
 
-    def _remember(self, key: tuple[Any, ...], work: Any) -> Any:
-        """Return what came of a piece of work before, or do it."""
-        self.asked += 1
-        if key not in self.known:
-            self.done += 1
-            if len(self.known) >= LARGEST:
-                self.known.clear()
-            self.known[key] = work()
-        return self.known[key]
+
+def _apart(views: Mapping[str, ViewSet]) -> dict[str, ViewSet]:
+    """Return views of which no two robots share an outline: what is drawn is told apart by it."""
+    return {name: replace(
+        one, clouds=[replace(cloud, outline=replace(cloud.outline)) for cloud in one.clouds],
+        between=[replace(scan, outline=replace(scan.outline)) for scan in one.between])
+        for name, one in views.items()}
 
 
 def _sign(key: tuple[Any, ...], resolution: float) -> Grid:
@@ -153,11 +182,3 @@ def _told(matches: Sequence[InterMatch]) -> bytes:
         made.update(repr((m.target_view, m.source_view)).encode())
         made.update(m.z.tobytes() + m.R.tobytes())
     return made.digest()
-
-
-def digest(grid: Grid | None) -> bytes:
-    """Return bytes that no other map has."""
-    if grid is None:
-        return b''
-    return blake2b(np.ascontiguousarray(grid.evidence).data, digest_size=16, key=repr(
-        (grid.resolution, *grid.T_frame_grid)).encode()[:64]).digest()

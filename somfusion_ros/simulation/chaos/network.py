@@ -69,6 +69,11 @@ class Network:
         self._flying: list[Delivery] = []
         self._count = 0
 
+    @property
+    def next_at(self) -> float:
+        """When the next message comes [s], inf where none is on its way."""
+        return self._flying[0].at if self._flying else np.inf
+
     def reaches(self, one: str, other: str) -> bool:
         """Return whether two robots are on the same side of a cut."""
         cut = self.conditions.cut

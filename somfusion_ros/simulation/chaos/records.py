@@ -48,8 +48,8 @@ class Outcome:
     """
     What a run found: broken invariants, and what was checked.
 
-    accepted: transforms; judged: verdicts on two maps that are good, each with its probability
-    and whether its pose was right.
+    accepted: transforms; agreed: times that all were to agree; judged: verdicts on two maps that
+    are good, each with its probability and whether its pose was right.
     """
 
     seed: int
@@ -58,6 +58,7 @@ class Outcome:
     seconds: float = 0.0
     accepted: int = 0
     bent: int = 0
+    agreed: int = 0
     joined: bool = False
     digest: bytes = b''
     judged: list[tuple[float, bool]] = field(default_factory=list)

@@ -8,6 +8,7 @@ what a real one made.
 """
 
 from collections import Counter
+import re
 from typing import Any
 
 import numpy as np
@@ -33,8 +34,10 @@ from somfusion_ros.team.sightings import Sighting, Sightings
 
 MAX_CELLS = 10 ** 6
 DEPARTED, DEPARTED_VIEWS = 'departed', 'departed views'
-DRAW_EVERY = 2.0     # [s] between two looks at whether the global map is to be drawn anew
-WORK_EVERY = 1.0     # [s] between two pieces of work where nothing came
+DRAW_EVERY = 4.0     # [s] between two looks at whether the global map is to be drawn anew
+WORK_EVERY = 1.0     # [s] between two pieces of work where nothing came; twice as long, up to
+REST = 8.0           # [s], as long as nothing changes
+NUMBER = re.compile(r'"number": \d+')    # of a state
 POSE_COVARIANCE = np.diag([4e-4, 4e-4, 1e-4])
 
 
@@ -63,7 +66,10 @@ class Station:
         self._epoch: Epoch | None = None
         self._departed: dict[str, Any] = {}
         self._cells: MapCells | None = None
-        self._draw_due = self._work_due = 0.0
+        self._draw_due = self.due = 0.0     # due [s]: when there is work, unless something comes
+        self._rest = WORK_EVERY
+        self._before: Any = None
+        self._states: dict[str, str] = {}
 
     def follow(self, slam: Playing, now: float) -> None:
         """Hear the robot's own SLAM: which map it is, the newest map, and the pose in it."""
@@ -73,7 +79,8 @@ class Station:
         self.inbox.plain.tell(self.name, epoch, loaded)
         cells = slam.tape.maps[come - 1] if come else None
         if cells is not None and (cells is not self._cells or epoch != self._epoch):
-            self._cells, self._work_due = cells, now
+            self._cells = cells
+            self._wake()
             self.inbox.keep(self.name, PLAIN_MAP, PlainMap(cells, loaded), cells.values.size, same)
         pose = TimedPose(1e-9 * self.clock.stamp(now), slam.tape.pose_at(slam.elapsed),
                          POSE_COVARIANCE)
@@ -95,7 +102,8 @@ class Station:
     def hear(self, one: Delivery) -> None:
         """Take what came over the network."""
         robot, payload = one.sender, one.message.payload
-        self._work_due = self._work_due if one.channel == POSE else 0.0
+        if one.channel != POSE and not self._repeated(one):
+            self._wake()
         if one.channel in (VIEWS, BONDS):
             self.views.hear(one)
         elif one.channel.startswith(f'{DEPARTED_VIEWS}/'):
@@ -108,13 +116,14 @@ class Station:
             self.inbox.keep_pose(robot, lambda: payload)
         elif robot in self.inbox.heard:
             rank = number_of(payload) if one.channel in (MAP, CHANGES) else 0
-            self.inbox.keep(robot, one.channel, payload, one.message.size, same, rank)
+            read = self._matching.read_state if one.channel == STATE else same
+            self.inbox.keep(robot, one.channel, payload, one.message.size, read, rank)
 
     def work(self, now: float) -> None:
         """Do what the worker of a fusion node does, once, if there may be anything to do."""
-        if now < self._work_due:
+        if now < self.due:
             return
-        self._now, self._work_due = now, now + WORK_EVERY
+        self._now, words = now, len(self.words)
         self.views.drain()
         own, network = self.inbox.drain(), self._network
         epoch = self.session.epoch_of(self.name)
@@ -139,12 +148,35 @@ class Station:
         if network.listened(self.name, MAP):
             for channel, data in self._outbox.map_messages():
                 network.publish(self.name, channel, data, len(data), now)
-        self._tell_pose(now)
+        moved = self._tell_pose(now)
         self._hand_on(now)
-        self.session.attempt(self._steady())
+        matched = self.session.attempt(self._steady())
         if now >= self._draw_due:
             self._draw_due = now + DRAW_EVERY
             self.draw()
+        shown = snapshot.solution, dict(snapshot.placed), self.drawn
+        idle = shown == self._before and not moved and matched is None and (
+            len(self.words) == words)
+        self._rest, self._before = min(2.0 * self._rest, REST) if idle else WORK_EVERY, shown
+        self.due = now + self._rest
+
+    def look(self, present: set[str]) -> None:
+        """Note who is there."""
+        if present != self.present:
+            self.present = present
+            self._wake()
+
+    def _wake(self) -> None:
+        """Work at once: something came."""
+        self.due, self._rest = 0.0, WORK_EVERY
+
+    def _repeated(self, one: Delivery) -> bool:
+        """Return whether a message is a state that only says once more what it said before."""
+        if one.channel != STATE:
+            return False
+        said = NUMBER.sub('', one.message.payload)
+        before, self._states[one.sender] = self._states.get(one.sender), said
+        return said == before
 
     def draw(self) -> None:
         """Draw the global map, where it changed."""
@@ -161,11 +193,13 @@ class Station:
             'departed': len(session.snapshot.departed), 'counted': len(self.counts),
             'cells': sum(shared.grid.evidence.size for shared in maps)})
 
-    def _tell_pose(self, now: float) -> None:
-        """Tell where the robot is, if it moved."""
+    def _tell_pose(self, now: float) -> bool:
+        """Tell where the robot is; return whether it moved."""
         poses = self.inbox.heard[self.name].poses
-        if poses and self._epoch is not None and self._outbox.moved(poses[-1]):
-            self._network.publish(self.name, POSE, (poses[-1], self._epoch), 400, now)
+        if not (poses and self._epoch is not None and self._outbox.moved(poses[-1])):
+            return False
+        self._network.publish(self.name, POSE, (poses[-1], self._epoch), 400, now)
+        return True
 
     def _hand_on(self, now: float) -> None:
         """Offer and fetch the maps of robots that are gone."""

@@ -50,6 +50,10 @@ class Tape:
     poses: Array
     lost_for: float = 0.0
 
+    def over(self, elapsed: float) -> bool:
+        """Return whether the drive, and with it all that is new, is over after a time [s]."""
+        return elapsed > max(float(self.stamps[-1]), self.map_times[-1])
+
     def come(self, elapsed: float) -> int:
         """Return how many maps have come after a time [s]."""
         return sum(time <= elapsed for time in self.map_times)

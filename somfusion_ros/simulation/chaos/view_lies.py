@@ -22,6 +22,7 @@ from somfusion_ros.team.view_store import VIEW as A_VIEW
 TELLING = '11a7'
 SURE = 1e-8 * np.eye(3)
 FLOOD = 1500       # facts of one kind
+FEW = 60           # matches of a bond
 REACH = 10         # views from the first one that a liar's matches join
 NOTHING = Outline(np.zeros((0, 2)), np.zeros(0), np.zeros(0, bool), np.zeros(2))
 
@@ -63,6 +64,6 @@ def bonds_with(liar: str, own: Epoch, others: Mapping[str, Epoch], rng: np.rando
     """Say of every robot, so many times, surely and wrongly, where its first views lie."""
     bonds = [ToldBond(liar, robot, (own, epoch), tuple(
         InterMatch(liar, int(i), robot, int(j), rng.uniform((-9, -9, -3), (9, 9, 3)),
-                   SURE) for i, j in rng.integers(0, REACH, (200, 2))))
+                   SURE) for i, j in rng.integers(0, REACH, (FEW, 2))))
              for robot, epoch in sorted(others.items()) if liar < robot for _ in range(times)]
     return encode_bonds(bonds)

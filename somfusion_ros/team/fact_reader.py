@@ -1,0 +1,39 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How facts are unpacked: handed in, so that a simulation need not unpack the same ones again."""
+
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.team.beam_code import decode_beams
+from somfusion_ros.team.bond_codec import decode_bonds, ToldBond
+from somfusion_ros.team.joint import settled
+from somfusion_ros.team.view_facts import decode_constraint, decode_scan, decode_view, ViewFact
+from somfusion_ros.team.view_set import DrawnScan, ViewSet
+
+
+class FactReader:
+    """Unpacks what a robot tells of its path; ValueError where it is damaged or absurd."""
+
+    def view(self, fact: bytes) -> ViewFact:
+        """Unpack a view."""
+        return decode_view(fact)
+
+    def cloud(self, beams: bytes) -> Cloud:
+        """Unpack the beams of a view."""
+        return decode_beams(beams)
+
+    def loop(self, fact: bytes) -> Constraint:
+        """Unpack a constraint between two views."""
+        return decode_constraint(fact)
+
+    def scan(self, fact: bytes) -> DrawnScan:
+        """Unpack a scan that is only drawn."""
+        return decode_scan(fact)
+
+    def bonds(self, data: bytes, author: str) -> list[ToldBond]:
+        """Unpack the bonds that an author tells."""
+        return decode_bonds(data, author)
+
+    def settled(self, views: ViewSet) -> ViewSet:
+        """Return views where their own constraints have them."""
+        return settled(views)
