@@ -8,11 +8,11 @@ usage: python -m benchmarks.life [HOURS [WORLD [STATE]]]      default 2 office
               town (streets of 500 x 500 m; ten kilometres take 3 hours)
        STATE: a file to write the state to at the end, and to go on from
 
-Prints a row per simulated quarter of an hour: hours; kilometres; views; scans kept for the map;
+Prints a row per simulated half-hour: hours; kilometres; views; scans kept for the map;
 memory [MB] of the process; milliseconds of CPU per scan on the scan path, as the mean and the
 longest, and beside it (loops); of one redraw; median and largest error [m] of the pose told; mean
-normalised estimation error squared of the pose (3 if honest). The laser turns slowly, 2.5 or 5
-scans a second, so that a day takes half an hour to compute. With a STATE, at last its length, and
+normalised estimation error squared of the pose (3 if honest). Lasers of 2 or 5 scans a second,
+so that a day takes 20 minutes to compute. With a STATE, at last its length, and
 the seconds of CPU to read it and to be ready for the first scan. Asserts nothing.
 """
 
@@ -36,10 +36,10 @@ from somfusion_ros.slam.motion import Odometry  # noqa: E402
 from somfusion_ros.slam.scan import Scan  # noqa: E402
 from somfusion_ros.slam.slam import Slam  # noqa: E402
 
-QUARTER = 900.0   # [s] of a row, about
+ROW = 0.5         # [h] of a row, about
 TURNS = 0.8       # of its top speed, on the way, for what a robot loses in turns
 PAUSE = 0.5       # [s] between two rows
-TRAVEL = 0.16     # [m] between two scans
+TRAVEL = 0.2      # [m] between two scans
 
 
 @dataclass
@@ -53,7 +53,7 @@ class Told:
 
 
 class Life:
-    """One robot that drives on and on, quarter by quarter."""
+    """One robot that drives on and on."""
 
     def __init__(self, world: World, rng: np.random.Generator) -> None:
         self.world, self._rng, self._ways = world, rng, world.ways(rng)
@@ -63,17 +63,18 @@ class Life:
         self._wheels = drive.real_wheels(0.02, rng)
         self.slam = Slam(background=True)
 
-    def _route(self) -> Array:
-        """Return way points (K, 2) [m] from where the robot stands, for about a quarter."""
+    def _route(self, hours: float) -> Array:
+        """Return way points (K, 2) [m] from where the robot stands, for about some hours."""
         points, length = [self._pose[:2]], 0.0
-        while length < QUARTER * TURNS * self.world.speed:
+        while length < 3600.0 * hours * TURNS * self.world.speed:
             points.append(next(self._ways))
             length += float(np.hypot(*(points[-1] - points[-2])))
         return np.array(points)
 
-    def quarter(self) -> Told:
-        """Drive for a quarter of an hour; return what it took and how far the SLAM was off."""
-        stamps, poses = drive.follow(self._route(), float(self._pose[2]), self.world.speed, np.inf)
+    def drive(self, hours: float = ROW) -> Told:
+        """Drive for some time; return what it took and how far the SLAM was off."""
+        stamps, poses = drive.follow(self._route(hours), float(self._pose[2]), self.world.speed,
+                                     np.inf)
         whole = slice((len(stamps) - 1) // ODOMETRY_EVERY * ODOMETRY_EVERY + 1)
         stamps, poses = stamps[whole], poses[whole]
         laser = replace(SICK, period=TRAVEL / self.world.speed)
@@ -128,7 +129,7 @@ def restart(life: Life, path: str) -> None:
 
 
 def row(life: Life, told: Told) -> str:
-    """Draw the map, and return a line of what a quarter took."""
+    """Draw the map, and return a line of what a drive took."""
     t0 = time.process_time()
     life.slam.grid()
     drawn = time.process_time() - t0
@@ -141,14 +142,14 @@ def row(life: Life, told: Told) -> str:
 
 
 def main() -> None:
-    """Print a row per quarter of an hour."""
+    """Print a row per half-hour."""
     hours = float(sys.argv[1]) if len(sys.argv) > 1 else 2.0
     world = WORLDS[sys.argv[2] if len(sys.argv) > 2 else 'office']()
     life = Life(world, np.random.default_rng(16))
     print(' hours     km  views  scans     MB  ms path  longest  ms beside  redraw ms   error'
           '  largest   NEES')
     while life.clock < 3600.0 * hours:
-        print(row(life, life.quarter()), flush=True)
+        print(row(life, life.drive()), flush=True)
     if len(sys.argv) > 3:
         restart(life, sys.argv[3])
 

@@ -8,7 +8,8 @@ motion away from the last (section II-A; Eustice et al. 2006). A new view costs 
 loop closure one symmetric rank-3 update of the lower triangle of P.
 
 Of the old views only every few stay in P, as anchors: the others are marginalised, which in
-covariance form is to forget their rows, and hang between their anchors from then on.
+covariance form is to forget their rows, and hang between their anchors from then on. Where P is
+full of anchors, every second one is marginalised too: a long map is held by fewer.
 """
 
 from collections.abc import Iterable
@@ -25,6 +26,7 @@ from somfusion_ros.slam.hanging import Hanging
 GROWTH = 64    # views of room that P grows by, at least
 ANCHORS = 4    # one of so many old views stays in P
 RECENT = 64    # newest views, which all stay in P
+MOST = 1000    # views in P: 72 MB, and 10 ms to fuse a loop
 
 
 class DelayedStateEkf:
@@ -64,6 +66,8 @@ class DelayedStateEkf:
         The first view, with any arguments, is the origin and certain. Returns the view's index.
         """
         self._marginalise(self.n - RECENT)
+        if self.kept.sum() >= MOST and 2 * self._anchors < RECENT:
+            self._thin()
         self._make_room()
         k = self.n
         self._slot[k] = self._free.pop()
@@ -87,9 +91,22 @@ class DelayedStateEkf:
         if ends is not None:
             before, after = self._anchor(ends[0]), self._anchor(ends[1])
             R = self.relative(before, k)[1] if before == after else np.zeros((3, 3))
+            self._let_go(k, before, after, R)
+
+    def _thin(self) -> None:
+        """Marginalise every second anchor of long chains."""
+        self._anchors *= 2
+        anew = hanging.anew(self.kept[:self.n - RECENT], self.parents, self._anchors)
+        spread = [self.relative(before, k)[1] for k, before, _ in anew]
+        for (k, before, after), R in zip(anew, spread, strict=True):
+            self._let_go(k, before, after, R)
+
+    def _let_go(self, k: int, before: int, after: int, R: Array) -> None:
+        """Let view k hang between two anchors, seen from the first with covariance R (3, 3)."""
+        if self._slot[k] >= 0:
             self._free.append(int(self._slot[k]))
             self._slot[k] = -1
-            self._hanging.hang(k, before, after, self._x, R)
+        self._hanging.hang(k, before, after, self._x, R)
 
     def _loose(self, k: int) -> Array:
         """Return the covariance (3, 3) that view k has beyond its anchor's."""
@@ -99,12 +116,6 @@ class DelayedStateEkf:
         _, G = compose_jacobians(self._x[a], between(self._x[a], self._x[k]))
         loose: Array = G @ self._hanging.spread(k) @ G.T
         return loose
-
-    def _follow(self) -> None:
-        """Move the marginalised views with their anchors."""
-        k = np.flatnonzero(~self.kept)
-        if len(k):
-            self._hanging.follow(self._x, k)
 
     def _anchor(self, k: int) -> int:
         """Return view k, or the anchor before it where view k is not in P."""
@@ -191,7 +202,7 @@ class DelayedStateEkf:
         move = step.reshape(-1, 3)[self._slot[kept]]
         self._x[kept] += move
         self._x[:, 2] = wrap(self._x[:, 2])
-        self._follow()
+        self._hanging.follow(self._x, np.flatnonzero(~self.kept))
         return float(np.hypot(move[:, 0], move[:, 1]).max())
 
     def _fuse(self, constraint: Constraint) -> Array:
@@ -209,11 +220,7 @@ class DelayedStateEkf:
 
     @classmethod
     def of(cls, poses: Array, constraints: Iterable[Constraint]) -> 'DelayedStateEkf':
-        """
-        Return the filter of views at poses (n, 3), from their constraints by age.
-
-        The covariance is linearised at these poses.
-        """
+        """Return the filter of views at poses (n, 3), there linearised, of constraints by age."""
         ekf = cls()
         ekf.augment(np.zeros(3), np.zeros((3, 3)))
         for constraint in constraints:
@@ -233,11 +240,7 @@ class DelayedStateEkf:
         return column
 
     def relinearise(self, poses: Array) -> None:
-        """
-        Put a re-solved mean (m, 3) back in the filter.
-
-        Views added since the re-solving, after the first m, follow rigidly.
-        """
+        """Put a re-solved mean (m, 3) back in the filter; views added since follow rigidly."""
         m, old = len(poses), self._x[:self.n].copy()
         self._x[:m] = poses
         for k in range(m, self.n):

@@ -37,6 +37,23 @@ def ends(k: int, parents: NDArray[np.intp], every: int) -> tuple[int, int] | Non
     return before, after
 
 
+def anew(kept: NDArray[np.bool_], parents: NDArray[np.intp], every: int
+         ) -> list[tuple[int, int, int]]:
+    """
+    Return the views k that hang once only one of `every` stays, and the anchors of each.
+
+    kept (m,): which of the old views are anchors now.
+    """
+    first, hung = np.arange(len(parents)), []
+    for k in range(1, len(kept)):
+        between_ends = ends(k, parents, every)
+        if between_ends is not None:
+            before, after = (int(first[end]) for end in between_ends)
+            first[k] = before
+            hung.append((k, before, after))
+    return hung
+
+
 def _stays(k: int, parents: NDArray[np.intp], every: int) -> bool:
     """Return whether a view of a long chain is an anchor."""
     return bool(parents[k] != k - 1 or parents[k + 1] != k or k % every == 0)

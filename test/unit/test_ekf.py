@@ -143,6 +143,28 @@ def test_marginalised_views_hang_between_their_anchors():
     assert anchored.update(late) < 0.05 and (np.diag(anchored.relative(41, 130)[1]) > 0).all()
 
 
+def test_a_filter_that_is_full_lets_every_second_anchor_go(monkeypatch):
+    """Four rounds of a block, and views added later where the place was known."""
+    monkeypatch.setattr('somfusion_ros.slam.ekf.MOST', 110)
+    rng, full, thinned = np.random.default_rng(4), DelayedStateEkf(1), DelayedStateEkf()
+    for k in range(500):
+        view = int(rng.integers(60, 300)) if k > 300 and k % 40 == 0 else None
+        z = STEP + rng.multivariate_normal(np.zeros(3), Q)
+        for ekf in (full, thinned):
+            ekf.augment(z, Q, view)
+        if k % 25 == 24 and k > 100:
+            z = between(full.poses[k - 100], full.poses[k]) + rng.normal(0.0, 0.01, 3)
+            for ekf in (full, thinned):
+                ekf.update(Constraint(k - 100, k, z, Q))
+    assert thinned.kept.sum() <= 110
+    np.testing.assert_allclose(np.sqrt(np.diag(thinned.block(499, 499))),
+                               np.sqrt(np.diag(full.block(499, 499))), rtol=0.1)
+    assert np.hypot(*(thinned.poses - full.poses)[:, :2].T).max() < 0.05
+    for i, j in ((4, 130), (77, 290), (200, 480)):      # marginalised, most of them
+        sigma, honest = (np.sqrt(np.diag(ekf.relative(i, j)[1])) for ekf in (thinned, full))
+        assert (sigma < 3.0 * honest).all() and (sigma > 0.4 * honest).all()
+
+
 def test_views_added_where_the_place_was_known_hang_on_it():
     """Hours after the first round: a view here and there, each from one of the first."""
     rng, full, anchored = np.random.default_rng(9), DelayedStateEkf(1), DelayedStateEkf(4)
