@@ -23,7 +23,7 @@ from somfusion_ros.simulation.chaos.records import Outcome
 from somfusion_ros.simulation.chaos.tapes import record_all, Tape
 
 EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.01)    # of probabilities
-SAVED = 50      # seeds between two savings of what was matched
+SAVED = 20      # seeds between two savings of what was matched
 
 
 def main() -> None:
@@ -34,15 +34,15 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, nargs=2, default=(0, 20))
     parser.add_argument('--lines', type=Path, help='file to which a line per seed is added')
     parser.add_argument('--tables', type=Path, nargs='+', help='files of lines')
-    parser.add_argument('--memory', type=Path, help='file that keeps what was matched')
+    parser.add_argument('--memory', type=Path,
+                        help='folder in which processes share what they matched')
     options = parser.parse_args()
     if options.tables:
         print_tables([json.loads(line) for path in options.tables
                       for line in path.read_text().splitlines()])
         return
     tapes, matching = record_all(42.0), Matching()
-    if options.memory and options.memory.exists():
-        matching.memory.load(options.memory)
+    share(matching, options.memory, None)
     if options.seed is not None:
         explain(options.seed, tapes, matching)
         return
@@ -71,9 +71,17 @@ def campaign(seeds: Iterable[int], tapes: list[Tape], matching: Matching, lines:
         if lines:
             with lines.open('a') as file:
                 file.write(json.dumps(records[-1]) + '\n')
-        if memory and len(records) % SAVED == 0:
-            matching.memory.save(memory)
+        if len(records) % SAVED == 0:
+            share(matching, memory, records[0]['seed'])
     return records
+
+
+def share(matching: Matching, folder: Path | None, first: int | None) -> None:
+    """Take what other processes matched, and keep what the one with a first seed did."""
+    for path in sorted(folder.glob('*.matched') if folder else ()):
+        matching.memory.load(path)
+    if folder and first is not None:
+        matching.memory.save(folder / f'{first}.matched')
 
 
 def record_of(outcome: Outcome, cpu: float) -> dict[str, Any]:
@@ -82,7 +90,9 @@ def record_of(outcome: Outcome, cpu: float) -> dict[str, Any]:
             'faults': [fault.kind for fault in outcome.faults], 'broken': outcome.broken,
             'accepted': outcome.accepted, 'bent': outcome.bent, 'agreed': outcome.agreed,
             'joined': outcome.joined, 'digest': outcome.digest.hex(),
-            'judged': [(round(p, 4), right) for p, right in outcome.judged]}
+            'stood': round(outcome.stood, 1),
+            **{name: [(round(p, 4), right) for p, right in verdicts]
+               for name, verdicts in (('judged', outcome.judged), ('alike', outcome.alike))}}
 
 
 def print_tables(records: list[dict[str, Any]]) -> None:
@@ -100,17 +110,27 @@ def print_tables(records: list[dict[str, Any]]) -> None:
     print('| fault | injected | in runs that broke |\n|---|---|---|')
     for kind, count in sorted(injected.items()):
         print(f'| {kind} | {count} | {in_broken[kind]} |')
-    print_calibration([verdict for one in records for verdict in one['judged']])
+    for name in ('judged', 'alike'):
+        print(name)
+        print_calibration([(p, right) for one in records for p, right in one[name]])
+    print(f'ends that look alike were taken for one for {max(one["stood"] for one in records)} s '
+          'at most after the maps told them apart')
 
 
 def print_calibration(judged: list[tuple[float, bool]]) -> None:
-    """Print how often verdicts of a probability were right, of pairs of maps that are good."""
-    print('| probability | verdicts | mean | right |\n|---|---|---|---|')
+    """
+    Print how often verdicts of a probability were right, of pairs of maps that are good.
+
+    The same maps come again and again: those of one probability to four digits count once, too.
+    """
+    print('| probability | verdicts | mean | right | different ones | right |')
+    print(6 * '|---' + '|')
     for low, high in zip(EDGES, EDGES[1:]):
         inside = [(p, right) for p, right in judged if low <= p < high]
         if inside:
             mean, right = np.mean(inside, axis=0)
-            print(f'| {low:g} - {min(high, 1.0):g} | {len(inside)} | {mean:.3f} | {right:.3f} |')
+            print(f'| {low:g} - {min(high, 1.0):g} | {len(inside)} | {mean:.3f} | {right:.3f} | '
+                  f'{len({*inside})} | {np.mean([right for _, right in {*inside}]):.3f} |')
 
 
 if __name__ == '__main__':

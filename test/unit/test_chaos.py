@@ -11,19 +11,22 @@ import sys
 
 import numpy as np
 import pytest
+from somfusion_ros.fusion.cache import FusionCache
+from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Pose
 from somfusion_ros.simulation.chaos import memory
 from somfusion_ros.simulation.chaos.campaign import run_seed, shrink, Team
 from somfusion_ros.simulation.chaos.disk import KINDS as DAMAGE
 from somfusion_ros.simulation.chaos.disk import restarted
 from somfusion_ros.simulation.chaos.faults import Fault
-from somfusion_ros.simulation.chaos.invariants import error_of
+from somfusion_ros.simulation.chaos.invariants import error_of, TOLD
 from somfusion_ros.simulation.chaos.matching import Matching
 from somfusion_ros.simulation.chaos.memory import Memory
 from somfusion_ros.simulation.chaos.network import Conditions, Network
 from somfusion_ros.simulation.chaos.records import Outcome
 from somfusion_ros.simulation.chaos.station import world_of
 from somfusion_ros.simulation.chaos.tapes import record_all, Tape
+from somfusion_ros.team.shared_map import SharedMap
 
 pytestmark = pytest.mark.slow
 
@@ -142,6 +145,25 @@ def test_a_robot_that_is_restarted_in_another_building_loses_its_place() -> None
         assert robot.station is not None
         assert ('robot2' in world_of(robot.station)) == (robot.name == 'robot2')
         assert any('robot2 began another map' in word for word in robot.station.words)
+
+
+def test_two_ends_that_look_alike_are_told_apart_once_their_maps_show_it() -> None:
+    """Before that nothing can: 98 % of the walls agree, and all views find what they look for."""
+    ends = [tape for tape in tapes() if tape.place == 'corridor']
+    assert error_of(Pose(), *ends) > 20.0
+    cache = FusionCache()
+    for k in (0, 2, 4):
+        grids = [SharedMap.from_cells(end.maps[k]).grid for end in ends]
+        verdict = matching().align(*grids, FusionConfig(), cache)
+        assert verdict.accepted == (ends[0].map_times[k] < ends[0].alike_until)
+    team = Team(1, [], [*ends, tapes()[0]], matching())
+    outcome = team.run()
+    assert not outcome.broken, said(outcome)
+    assert 0.0 < outcome.stood < TOLD
+    for robot in team.robots.values():
+        assert robot.station is not None
+        assert robot.station.session.snapshot.verdicts
+        assert not any(c.kind == 'match' for c in robot.station.session.snapshot.constraints)
 
 
 def test_a_robot_that_was_carried_off_is_lost_and_found() -> None:

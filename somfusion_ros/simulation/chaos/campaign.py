@@ -28,6 +28,7 @@ TICK = 0.5           # [s] of simulated time between two steps
 SETTLED = 30.0       # [s] after the last new map of an episode, in which all must agree
 LOOK = 2.0           # [s] between two looks at who is there
 DRAWN = 4            # of so many teams one really draws its views, which takes long
+ABROAD = 0.1         # share of the teams that begin elsewhere
 KNOWING = 0.15       # share of the teams whose start poses are given,
 SEEING = 0.5         # and of those whose robots see one another,
 SIGHT = 4.0          # [m] within which they do, and with
@@ -45,7 +46,9 @@ class Team:
         self.network = Network(np.random.default_rng([seed, 1]))
         self._rng = np.random.default_rng([seed, 2])
         names = [f'robot{k + 1}' for k in range(int(rng.integers(2, 4)))]
-        here = [tape for tape in tapes if tape.place == tapes[0].place]
+        places = sorted({tape.place for tape in tapes}, key=tapes[0].place.__ne__)
+        place = places[int(rng.random() < ABROAD)]
+        here = [tape for tape in tapes if tape.place == place]
         self.robots = {name: Robot(name, here[k % len(here)], Clock(
             float(rng.uniform(0.99998, 1.00002)), float(rng.uniform(0, 1e5))))
             for k, name in enumerate(names)}

@@ -77,8 +77,10 @@ def restarted(tape: Tape, come: int, kind: str, variant: int) -> tuple[Tape | No
     held = max(k for k in range(come) if len(tape.kept[k].poses) <= max(
         len(now.poses), len(tape.kept[0].poses)))
     pose = tape.pose_at(tape.map_times[held])
+    told = tape.map_times[held] >= tape.alike_until
     return Tape(tape.place, tape.T_place_map, (0.0,), (cells_of(session.slam.grid()),),
-                (tell(now),), (now,), np.zeros(1), np.array([pose])), counts
+                (tell(now),), (now,), np.zeros(1), np.array([pose]),
+                alike_until=0.0 if told else np.inf), counts
 
 
 def _keep(path: Path, kept: tuple[Checkpoint, ...], kind: str, rng: np.random.Generator,

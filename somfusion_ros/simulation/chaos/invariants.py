@@ -22,6 +22,7 @@ SURE = 3.5           # sigmas, and
 NEAR = 0.5           # [m] within which an accepted transform must be
 BENT = 1.0           # [m] within which views must leave it,
 PATIENCE = 15.0      # [s] after which they must: what is shown moves in steps
+TOLD = 40.0          # [s] after which two ends that looked alike must not be taken for one
 FAR = 1e5            # [m] from where on a pose is absurd
 HALF = 0.5           # of evidence; cells that differ by less say the same
 # What a station must count once it heard a lie of a kind on a channel.
@@ -55,15 +56,31 @@ class Invariants:
             self._outcome.accepted += 1
             wrong = error_of(c.T_target_source, *pair)
             sigma = np.sqrt(np.trace(c.covariance[:2, :2]))
-            if wrong > max(NEAR, SURE * sigma):
+            if wrong > max(NEAR, SURE * sigma) and not self._excused(c.robots, now):
                 self._broken(f'{robot.name} accepted {c.target} - {c.source}, off by '
                              f'{wrong:.2f} m ({c.kind})')
-            if c.kind == 'match' and c.robots not in left_out:
+            elif c.kind == 'match' and wrong < BENT and c.robots not in left_out:
                 self._bent(station, c.robots, pair, now)
         for peer, verdict in snapshot.verdicts.items():
             if self._verdicts.get((station, peer)) is not verdict:
                 self._verdicts[station, peer] = verdict
                 self._judge(station, peer, verdict)
+
+    def _told(self, names: Sequence[str]) -> float | None:
+        """Return when [s] the maps of two ends that look alike tell them apart; None of others."""
+        pair = [self._robots[name] for name in names]
+        if pair[0].tape.T_place_map == pair[1].tape.T_place_map or not any(
+                one.tape.alike_until for one in pair):
+            return None
+        return max(one.started + one.tape.alike_until for one in pair)
+
+    def _excused(self, names: Sequence[str], now: float) -> bool:
+        """Return whether two ends were alike until a while ago; note how long they are told."""
+        told = self._told(names)
+        if told is None:
+            return False
+        self._outcome.stood = max(self._outcome.stood, now - told)
+        return now - told < TOLD
 
     def _bent(self, station: Station, names: tuple[str, str], pair: tuple[Tape, Tape],
               now: float) -> None:
@@ -94,7 +111,8 @@ class Invariants:
         pair = self._good(names, [station.session.epoch_of(name) for name in names])
         if pair is not None and verdict.T_target_source is not None:
             right = error_of(verdict.T_target_source, *pair) < NEAR
-            self._outcome.judged.append((verdict.probability, right))
+            judged = self._outcome.judged if self._told(names) is None else self._outcome.alike
+            judged.append((verdict.probability, right))
 
     def look(self, robot: Robot) -> None:
         """Check that a station said which maps began anew, and that what it holds is bounded."""

@@ -49,7 +49,8 @@ class Outcome:
     What a run found: broken invariants, and what was checked.
 
     accepted: transforms; agreed: times that all were to agree; judged: verdicts on two maps that
-    are good, each with its probability and whether its pose was right.
+    are good, each with its probability and whether its pose was right; alike: those on two ends
+    that look alike; stood [s]: how long such ends were taken for one after maps could tell them.
     """
 
     seed: int
@@ -62,4 +63,6 @@ class Outcome:
     joined: bool = False
     digest: bytes = b''
     judged: list[tuple[float, bool]] = field(default_factory=list)
+    alike: list[tuple[float, bool]] = field(default_factory=list)
+    stood: float = 0.0
     counts: Counter[str] = field(default_factory=Counter)

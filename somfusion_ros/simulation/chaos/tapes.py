@@ -27,6 +27,7 @@ from somfusion_ros.team.view_facts import Facts
 LASER = Laser(181, np.pi, 0.1, 12.0, 0.4, mount=Pose(0.2, 0.0, 0.0), height=0.25)
 MAP_EVERY = 10.0      # [s] between two maps
 STEP = 0.5           # [s] between two poses
+WHOLE = 60.0         # [s] in which a robot sees all of the corridor that it will
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,8 @@ class Tape:
     place: the floor plan; T_place_map: true pose of the map's frame in it; maps with the times [s]
     since the start at which they came, what was told of the path with each, and the checkpoint
     that was kept; stamps (n,) [s] and poses (n, 3) T_map_base; lost_for [s]: how long it was not
-    known where the robot was.
+    known where the robot was; alike_until [s]: before it the map is like that of another drive
+    elsewhere in the place, and nothing can tell them apart.
     """
 
     place: str
@@ -49,6 +51,7 @@ class Tape:
     stamps: Array
     poses: Array
     lost_for: float = 0.0
+    alike_until: float = 0.0
 
     def over(self, elapsed: float) -> bool:
         """Return whether the drive, and with it all that is new, is over after a time [s]."""
@@ -126,13 +129,14 @@ def _replayed(session: Session, trial: Trial, place: str, T_place_map: Pose) -> 
 
 def record_all(duration: float, robots: Sequence[int] = (0, 1, 2)) -> list[Tape]:
     """
-    Record robots' drives in an office, one drive elsewhere, and one that is interrupted.
+    Record robots' drives in an office, two drives elsewhere, and one that is interrupted.
 
     Elsewhere is a corridor whose ends look alike, to a robot and to its map: two drives in it that
-    begin at either end would be taken for one.
+    begin at either end are taken for one until the last map of both, which a test makes sure of.
     """
+    ends = (record('corridor', robot, WHOLE, 10 + robot) for robot in (0, 1))
     return [*(record('office', robot, duration, robot) for robot in robots),
-            record('corridor', 0, duration, 10),
+            *(replace(end, alike_until=end.map_times[-1]) for end in ends),
             record('office', robots[0], duration, 99, 0.6 * duration)]
 
 
