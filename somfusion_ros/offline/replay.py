@@ -28,6 +28,7 @@ from somfusion_ros.team.joint_map import along, draw_joint
 from somfusion_ros.team.offline import Fusion
 from somfusion_ros.team.view_facts import heard
 from somfusion_ros.team.view_set import ViewSet
+from somfusion_ros.team.view_store import told_bytes
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
         'namespace': run.log.options.namespace,
         'scans': len(ms),
         'views': len(run.views),
-        'view_bytes': run.facts.size,
+        'view_bytes': told_bytes(run.facts),
         'distance': float(np.hypot(*np.diff(run.views[:, :2], axis=0).T).sum()),
         'recorded_seconds': run.recorded,
         'seconds': run.seconds,

@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond import Bond
-from somfusion_ros.team.compact import (pack, pack_covariance, pack_scaled, STEP, unpack,
-                                        unpack_covariance, unpack_scaled)
+from somfusion_ros.team.compact import (covariance_from, covariance_numbers, from_steps, in_steps,
+                                        STEP)
+from somfusion_ros.team.fact import Fact, MATCH, pack_facts, unpack_facts
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_facts import believed, MAX_VIEWS, UPPER
 
-VERSION = 2
+VERSION = 3
 MOST_BONDS, MOST_MATCHES = 64, 256
 FARTHEST = 1000      # [m] of one view from the other
 SIZE = struct.Struct('<I')
@@ -41,13 +42,13 @@ def told(bond: Bond, epochs: tuple[Epoch, Epoch]) -> ToldBond:
 
 
 def encode_bonds(bonds: Sequence[ToldBond]) -> bytes:
-    """Pack bonds: some 24 bytes per match."""
+    """Pack bonds: some 15 bytes per match."""
     head = json.dumps({'version': VERSION, 'bonds': [
         [bond.target, bond.source, *map(str, bond.epochs), len(bond.matches)]
         for bond in bonds]}).encode()
-    matches = [pack((m.target_view, m.source_view)) + pack_scaled(m.z, STEP)
-               + pack_covariance(m.R) for bond in bonds for m in bond.matches]
-    return b''.join([SIZE.pack(len(head)), head, *matches])
+    matches = [Fact(MATCH, (m.target_view, m.source_view, *in_steps(m.z, STEP),
+                            *covariance_numbers(m.R))) for bond in bonds for m in bond.matches]
+    return SIZE.pack(len(head)) + head + pack_facts(matches)
 
 
 def decode_bonds(data: bytes, author: str) -> list[ToldBond]:
@@ -67,23 +68,21 @@ def decode_bonds(data: bytes, author: str) -> list[ToldBond]:
         raise ValueError(f'{author} tells a bond that is not its own')
     if len({row[1] for row in rows}) < len(rows):
         raise ValueError(f'{author} tells two bonds with one robot')
-    rest, bonds = data[SIZE.size + size:], []
+    facts, at = unpack_facts(data[SIZE.size + size:]), 0
+    if len(facts) != sum(row[-1] for row in rows) or any(fact.kind != MATCH for fact in facts):
+        raise ValueError('bonds do not have the matches that they name')
+    bonds = []
     for a, b, first, second, count in rows:
-        found = []
-        for _ in range(count):
-            match, rest = _match(a, b, rest)
-            found.append(match)
-        bonds.append(ToldBond(a, b, (first, second), tuple(found)))
-    if rest:
-        raise ValueError('bonds are too long')
+        matches = tuple(_match(a, b, fact.numbers) for fact in facts[at:at + count])
+        bonds.append(ToldBond(a, b, (first, second), matches))
+        at += count
     return bonds
 
 
-def _match(target: str, source: str, data: bytes) -> tuple[InterMatch, bytes]:
-    """Unpack a match; return it and what follows. ValueError where it is absurd."""
-    (i, j), rest = unpack(data, 2)
-    z, rest = unpack_scaled(rest, STEP)
-    R, rest = unpack_covariance(rest)
+def _match(target: str, source: str, numbers: Sequence[int]) -> InterMatch:
+    """Return a match; ValueError where it is absurd."""
+    i, j, *rest = numbers
+    z, R = from_steps(rest[:3], STEP), covariance_from(rest[3:])
     if not (0 <= min(i, j) <= max(i, j) < MAX_VIEWS and np.abs(z).max() < FARTHEST):
         raise ValueError('a match is absurd')
-    return InterMatch(target, i, source, j, z, believed(R[UPPER])), rest
+    return InterMatch(target, i, source, j, z, believed(R[UPPER]))

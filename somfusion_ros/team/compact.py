@@ -3,12 +3,11 @@
 """
 Whole numbers, poses and covariances in few bytes.
 
-A number takes one byte for every seven bits that it has, so that small ones are short. Poses are
-rounded to steps far below what any match knows. Of a covariance the logarithms of the sigmas and
-the correlations are told, in 16 bits each.
+Poses are rounded to steps far below what any match knows. Of a covariance
+its Cholesky factor is told, to a few percent.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +28,12 @@ class Rounding:
 TUNING = Rounding()
 STEP = np.array(TUNING.pose)
 LONGEST = 9       # bytes of a number
-OCTAVE = 2048     # steps of a sigma that is twice as large
-FULL = 32767      # of a correlation of 1
-PAIRS = ((0, 1), (0, 2), (1, 2))
+MOST = 1 << 51     # of a number that is told in steps
+OCTAVE = 16       # steps of a sigma that is twice as large, always upwards
+MOST_OCTAVES = 48
+PART = 1 / 8      # of the diagonal of a row: step of what lies beside it
+MOST_BESIDE = 2 ** 24
+BESIDE = ((1, 0), (2, 0), (2, 1))
 
 
 def pack(numbers: Iterable[int]) -> bytes:
@@ -64,33 +66,52 @@ def unpack(data: bytes, count: int) -> tuple[list[int], bytes]:
     return numbers, data[at:]
 
 
-def pack_scaled(values: Array, step: Array) -> bytes:
-    """Pack numbers (n,) in steps (n,)."""
-    return pack(np.rint(np.asarray(values) / step).astype(np.int64).tolist())
+def in_steps(values: Array, step: Array) -> list[int]:
+    """Return numbers (n,) as whole steps (n,); what no number can hold, as the most that can."""
+    counts: list[int] = np.rint(np.clip(np.asarray(values) / step, -MOST, MOST)).astype(
+        np.int64).tolist()
+    return counts
 
 
-def unpack_scaled(data: bytes, step: Array) -> tuple[Array, bytes]:
-    """Unpack numbers (n,) in steps (n,); return them and what follows."""
-    numbers, rest = unpack(data, len(step))
-    return np.array(numbers, float) * step, rest
+def from_steps(counts: Sequence[int], step: Array) -> Array:
+    """Return the numbers (n,) that whole steps (n,) stand for."""
+    return np.array(counts, float) * step
 
 
-def pack_covariance(R: Array) -> bytes:
-    """Pack a covariance (3, 3): 12 bytes."""
+def covariance_numbers(R: Array) -> list[int]:
+    """
+    Return six whole numbers for a covariance (3, 3), of its Cholesky factor.
+
+    What lies beside the diagonal is told in parts of the diagonal of its row, so that a direction
+    that is known far better than another stays so.
+    """
     sigma = np.sqrt(np.diag(R))
-    octaves = np.log2(np.maximum(sigma, TUNING.least) / TUNING.least)
-    sizes = np.clip(np.ceil(octaves * OCTAVE - 1e-6), 0, 65535).astype('<u2')
-    correlations = [R[i, j] / max(sigma[i] * sigma[j], 1e-300) for i, j in PAIRS]
-    parts = np.rint(np.clip(correlations, -1.0, 1.0) * FULL).astype('<i2')
-    return bytes(sizes.tobytes() + parts.tobytes())
+    values, vectors = np.linalg.eigh(R / np.outer(sigma, sigma))
+    even = (vectors * np.maximum(values, 1e-9)) @ vectors.T
+    C = np.linalg.cholesky(even * np.outer(sigma, sigma))
+    octaves = np.log2(np.maximum(np.diag(C), TUNING.least) / TUNING.least)
+    sizes = np.clip(np.ceil(octaves * OCTAVE - 1e-6), 0, MOST_OCTAVES * OCTAVE)
+    row = _sizes(sizes)
+    C *= row / np.diag(C)      # a slope stays what it is where its column is rounded up
+    beside = [C[i, j] / (PART * row[i]) for i, j in BESIDE]
+    return [*sizes.astype(int).tolist(), *np.rint(np.clip(beside, -MOST_BESIDE, MOST_BESIDE)
+                                                  ).astype(int).tolist()]
 
 
-def unpack_covariance(data: bytes) -> tuple[Array, bytes]:
-    """Unpack a covariance (3, 3), positive or not; return it and what follows."""
-    if len(data) < 12:
-        raise ValueError('a covariance is cut short')
-    sigma = TUNING.least * 2.0 ** (np.frombuffer(data, '<u2', 3) / OCTAVE)
-    R = np.diag(sigma ** 2)
-    for (i, j), part in zip(PAIRS, np.frombuffer(data, '<i2', 3, 6).tolist(), strict=True):
-        R[i, j] = R[j, i] = part / FULL * sigma[i] * sigma[j]
-    return R, data[12:]
+def covariance_from(numbers: Sequence[int]) -> Array:
+    """Return the covariance (3, 3) of six whole numbers; ValueError where they are none."""
+    if not (0 <= min(numbers[:3]) <= max(numbers[:3]) <= MOST_OCTAVES * OCTAVE
+            and max(map(abs, numbers[3:])) <= MOST_BESIDE):
+        raise ValueError('a covariance is absurd')
+    row = _sizes(np.array(numbers[:3]))
+    C = np.diag(row)
+    for (i, j), part in zip(BESIDE, numbers[3:], strict=True):
+        C[i, j] = part * PART * row[i]
+    R: Array = C @ C.T
+    return R
+
+
+def _sizes(steps: Array) -> Array:
+    """Return the sigmas (n,) that whole steps (n,) stand for."""
+    sigma: Array = TUNING.least * 2.0 ** (steps / OCTAVE)
+    return sigma

@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """How facts are unpacked: handed in, so that a simulation need not unpack the same ones again."""
 
+from collections.abc import Sequence
+
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.beam_code import decode_beams
 from somfusion_ros.team.bond_codec import decode_bonds, ToldBond
+from somfusion_ros.team.fact import corners_in, Fact
 from somfusion_ros.team.joint import settled
 from somfusion_ros.team.view_facts import decode_constraint, decode_scan, decode_view, ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
@@ -14,19 +17,19 @@ from somfusion_ros.team.view_set import DrawnScan, ViewSet
 class FactReader:
     """Unpacks what a robot tells of its path; ValueError where it is damaged or absurd."""
 
-    def view(self, fact: bytes) -> ViewFact:
+    def view(self, fact: Fact) -> ViewFact:
         """Unpack a view."""
         return decode_view(fact)
 
-    def cloud(self, beams: bytes) -> Cloud:
+    def cloud(self, beams: Sequence[int], outline: bytes) -> Cloud:
         """Unpack the beams of a view."""
-        return decode_beams(beams)
+        return decode_beams(beams, corners_in(outline))
 
-    def loop(self, fact: bytes) -> Constraint:
+    def loop(self, fact: Fact) -> Constraint:
         """Unpack a constraint between two views."""
         return decode_constraint(fact)
 
-    def scan(self, fact: bytes) -> DrawnScan:
+    def scan(self, fact: Fact) -> DrawnScan:
         """Unpack a scan that is only drawn."""
         return decode_scan(fact)
 

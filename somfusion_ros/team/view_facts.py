@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a robot tells of its own path: views and constraints, as bytes and back.
+What a robot tells of its own path: views and constraints, as whole numbers and back.
 
 A view fact carries the step from a view before it, so that the views of a robot are one path;
 other constraints of its own, its loops, are facts by themselves, and so are scans between two
@@ -9,16 +9,17 @@ views, which are only drawn: a map of views alone knows a sixth to a third less.
 also the robot itself, uses what the bytes say: the same facts then give the same map everywhere.
 """
 
-from dataclasses import dataclass
-import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from somfusion_ros.geometry import Array, wrap
+from somfusion_ros.geometry import Array, compose, wrap
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.team.beam_code import decode_beams, encode_beams
-from somfusion_ros.team.compact import (pack, pack_covariance, pack_scaled, STEP, unpack,
-                                        unpack_covariance, unpack_scaled)
+from somfusion_ros.team.compact import (covariance_from, covariance_numbers, from_steps, in_steps,
+                                        STEP)
+from somfusion_ros.team.fact import corners_in, Fact, LOOP, outline_of, SCAN, TAKEN_BACK, VIEW
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 
@@ -37,127 +38,150 @@ class FactLimits:
 TUNING = FactLimits()
 ROUNDED = 1 / 100                    # of the least variance: keeps one above 0 that is told
 MAX_VIEWS = 100_000                  # of one robot in one epoch
-STAMP = struct.Struct('<d')
+TICKS = 1_000_000                    # [1/s] in which stamps are told
+STEP_NUMBERS = 10                    # whole numbers of the step to a view
 UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True)
 class Facts:
     """
-    What a robot tells of its path, packed: views, constraints of loops, scans between.
+    What a robot tells of its path: views, constraints of loops, scans between.
 
     taken_back: views that show nothing any more, as those of a robot that was carried away.
     """
 
-    views: tuple[bytes, ...] = ()
-    loops: tuple[bytes, ...] = ()
-    between: tuple[bytes, ...] = ()
-    taken_back: tuple[bytes, ...] = ()
+    views: tuple[Fact, ...] = ()
+    loops: tuple[Fact, ...] = ()
+    between: tuple[Fact, ...] = ()
+    taken_back: tuple[Fact, ...] = ()
 
     @property
-    def size(self) -> int:
-        """Bytes in all."""
-        return sum(len(fact) for kind in (self.views, self.loops, self.between, self.taken_back)
-                   for fact in kind)
+    def every(self) -> tuple[Fact, ...]:
+        """All of them."""
+        return self.views + self.loops + self.between + self.taken_back
 
 
 @dataclass(frozen=True, eq=False)
 class ViewFact:
-    """A view: its number, stamp [s], pose T_map_view (3,) when told, beams, the step to it."""
+    """
+    A view: its number, stamp [s], the step to it, and what it saw.
+
+    off (3,): how the pose T_map_view when it was told differs from the one that the step leads to.
+    """
 
     number: int
     stamp: float
-    pose: Array
-    beams: bytes
+    off: Array
     step: Constraint | None
+    beams: Sequence[int]
+    outline: bytes
 
-    def encode(self) -> bytes:
-        """Pack the fact."""
-        head = pack((self.number,)) + STAMP.pack(self.stamp) + pack_scaled(self.pose, STEP)
-        step = encode_constraint(self.step, self.number) if self.step else b''
-        return head + step + self.beams
+    def encode(self) -> Fact:
+        """Return the fact."""
+        step = ((self.number - self.step.first, *_measured(self.step)) if self.step
+                else (0,) * STEP_NUMBERS)
+        numbers = self.number, round(self.stamp * TICKS), *in_steps(self.off, STEP), *step
+        return Fact(VIEW, (*numbers, *self.beams), self.outline)
+
+    def pose_after(self, poses: Sequence[Array]) -> Array:
+        """Return the pose (3,) when it was told, from those of the views before it."""
+        if self.step is None:
+            return self.off
+        pose: Array = compose(poses[self.step.first], self.step.z) + self.off
+        pose[2] = wrap(pose[2])
+        return pose
+
+    def told_at(self, pose: Array, poses: Sequence[Array]) -> 'ViewFact':
+        """Return the view, told when it lay at a pose (3,), as bytes will say it."""
+        step = self.step and replace(self.step, z=from_steps(in_steps(self.step.z, STEP), STEP))
+        off = pose - replace(self, step=step, off=np.zeros(3)).pose_after(poses)
+        off[2] = wrap(off[2])
+        return replace(self, step=step, off=from_steps(in_steps(off, STEP), STEP))
 
 
-def decode_view(data: bytes) -> ViewFact:
-    """Unpack a view; ValueError, with one line, where it is damaged or absurd."""
-    (number,), rest = unpack(data, 1)
-    stamp, pose, rest = _placed(rest)
+def decode_view(fact: Fact) -> ViewFact:
+    """Return what a fact tells of a view; ValueError, with one line, where it is absurd."""
+    number, stamp, *rest = fact.numbers
     if not 0 <= number < MAX_VIEWS:
         raise ValueError(f'view {number} is not one of {MAX_VIEWS}')
-    step = None
+    off, step = _placed(rest[:3]), None
     if number:
-        step, rest = _constraint(rest, number)
-        if step.first >= number:
+        back, *numbers = rest[3:3 + STEP_NUMBERS]
+        if not 0 < back <= number:
             raise ValueError(f'view {number} does not follow a view before it')
-    return ViewFact(number, stamp, pose, rest, step)
+        step = _constraint(number - back, number, numbers)
+    return ViewFact(number, stamp / TICKS, off, step, rest[3 + STEP_NUMBERS:], fact.outline)
 
 
-def _placed(data: bytes) -> tuple[float, Array, bytes]:
-    """Unpack a stamp and a pose (3,); return them and what follows."""
-    if len(data) < STAMP.size:
-        raise ValueError('a view is cut short')
-    stamp, = STAMP.unpack_from(data)
-    pose, rest = unpack_scaled(data[STAMP.size:], STEP)
-    if not (np.isfinite(stamp) and np.abs(pose).max() < TUNING.farthest):
+def _placed(numbers: Sequence[int]) -> Array:
+    """Return a pose (3,); ValueError where it is nowhere."""
+    pose = from_steps(numbers, STEP)
+    if not np.abs(pose).max() < TUNING.farthest:
         raise ValueError('a view lies nowhere')
-    return stamp, pose, rest
+    return pose
 
 
-def encode_constraint(constraint: Constraint, second: int = 0) -> bytes:
-    """Pack a constraint between two views of one robot, some 20 bytes; second may be known."""
+def _measured(constraint: Constraint) -> list[int]:
+    """Return the whole numbers of what a constraint measured, and how well."""
     R = constraint.R + np.diag([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2 * ROUNDED
     R = R * min(1.0, 0.5 * TUNING.largest_variance / np.diag(R).max())
-    views = () if second else (constraint.second,)
-    return (pack((*views, constraint.second - constraint.first))
-            + pack_scaled(constraint.z, STEP) + pack_covariance(R))
+    return [*in_steps(constraint.z, STEP), *covariance_numbers(R)]
 
 
-def decode_constraint(data: bytes) -> Constraint:
+def encode_constraint(constraint: Constraint) -> Fact:
+    """Return the fact of a constraint between two views of one robot."""
+    return Fact(LOOP, (constraint.second, constraint.second - constraint.first,
+                       *_measured(constraint)))
+
+
+def decode_constraint(fact: Fact) -> Constraint:
     """
-    Unpack a constraint; ValueError where it is damaged or absurd.
+    Return a constraint; ValueError where it is absurd.
 
     Its covariance is positive definite: a claim to know better than the least is not believed.
     """
-    (second,), rest = unpack(data, 1)
-    constraint, rest = _constraint(rest, second)
-    if rest:
-        raise ValueError('a constraint is too long')
-    return constraint
+    second, back, *numbers = fact.numbers
+    return _constraint(second - back, second, numbers)
 
 
-def _constraint(data: bytes, second: int) -> tuple[Constraint, bytes]:
-    """Unpack a constraint that leads to a view; return it and what follows."""
-    (back,), rest = unpack(data, 1)
-    z, rest = unpack_scaled(rest, STEP)
-    R, rest = unpack_covariance(rest)
-    first = second - back
+def _constraint(first: int, second: int, numbers: Sequence[int]) -> Constraint:
+    """Return a constraint between two views."""
+    z, R = from_steps(numbers[:3], STEP), covariance_from(numbers[3:])
     if first == second or not 0 <= min(first, second) <= max(first, second) < MAX_VIEWS:
         raise ValueError(f'a constraint joins views {first} and {second}')
     if not np.abs(z).max() < TUNING.farthest:
         raise ValueError('a constraint leads nowhere')
     z[2] = wrap(z[2])
-    return Constraint(first, second, z, believed(R[UPPER])), rest
+    return Constraint(first, second, z, believed(R[UPPER]))
 
 
-def encode_scan(scan: DrawnScan) -> bytes:
-    """Pack a scan that is only drawn."""
-    return (pack((scan.view,)) + STAMP.pack(scan.stamp) + pack_scaled(scan.T_view_base, STEP)
-            + encode_beams(scan.outline))
+def encode_scan(scan: DrawnScan) -> Fact:
+    """Return the fact of a scan that is only drawn."""
+    beams, corners = encode_beams(scan.outline)
+    return Fact(SCAN, (scan.view, round(scan.stamp * TICKS), *in_steps(scan.T_view_base, STEP),
+                       *beams), outline_of(corners))
 
 
-def decode_scan(data: bytes) -> DrawnScan:
-    """Unpack a scan that is only drawn; ValueError where it is damaged or absurd."""
-    (view,), rest = unpack(data, 1)
-    stamp, pose, rest = _placed(rest)
+def decode_scan(fact: Fact) -> DrawnScan:
+    """Return a scan that is only drawn; ValueError where it is absurd."""
+    view, stamp, *numbers = fact.numbers
+    pose = _placed(numbers[:3])
     if not 0 <= view < MAX_VIEWS or np.abs(pose).max() >= TUNING.nearest:
         raise ValueError('a scan hangs on nothing')
-    return DrawnScan(stamp, view, pose, decode_beams(rest).outline)
+    seen = decode_beams(numbers[3:], corners_in(fact.outline))
+    return DrawnScan(stamp / TICKS, view, pose, seen.outline)
 
 
-def decode_taken_back(fact: bytes) -> range:
-    """Unpack which views show nothing any more; ValueError where it is absurd."""
-    (first, count), rest = unpack(fact, 2)
-    if rest or not 0 <= first < first + count <= MAX_VIEWS:
+def encode_taken_back(views: range) -> Fact:
+    """Return the fact that views show nothing any more."""
+    return Fact(TAKEN_BACK, (views.start, len(views)))
+
+
+def decode_taken_back(fact: Fact) -> range:
+    """Return which views show nothing any more; ValueError where it is absurd."""
+    first, count = fact.numbers
+    if not 0 <= first < first + count <= MAX_VIEWS:
         raise ValueError('views that do not exist are taken back')
     return range(first, first + count)
 
@@ -187,12 +211,14 @@ def heard(told: Facts) -> ViewSet:
     """
     facts = {fact.number: fact for fact in map(decode_view, told.views)}
     count = next((k for k in range(len(facts)) if k not in facts), len(facts))
-    chain = [facts[k] for k in range(count)]
+    chain, poses = [facts[k] for k in range(count)], list[Array]()
+    for fact in chain:
+        poses.append(fact.pose_after(poses))
     own = [decode_constraint(loop) for loop in told.loops]
     return ViewSet(
         np.array([fact.stamp for fact in chain]),
-        np.array([fact.pose for fact in chain]).reshape(-1, 3),
-        [decode_beams(fact.beams) for fact in chain],
+        np.array(poses).reshape(-1, 3),
+        [decode_beams(fact.beams, corners_in(fact.outline)) for fact in chain],
         [fact.step for fact in chain if fact.step],
         [r for r in own if max(r.first, r.second) < count],
         [scan for scan in map(decode_scan, told.between) if scan.view < count])

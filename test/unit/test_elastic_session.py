@@ -20,7 +20,7 @@ from somfusion_ros.team.teller import tell, Teller
 from somfusion_ros.team.view_facts import Facts
 from somfusion_ros.team.view_inbox import ViewInbox
 from somfusion_ros.team.view_set import ViewSet
-from somfusion_ros.team.view_store import encode_batch, ViewStore
+from somfusion_ros.team.view_store import encode_batches, ViewStore
 from test_elastic import bent_team
 
 pytestmark = pytest.mark.slow
@@ -32,8 +32,8 @@ OPEN = 0.6     # probability of a verdict that the views turn
 def batches(views: ViewSet, epoch: Epoch, size: int = 20, telling: str = 't1') -> list[bytes]:
     """Tell of a path in batches, as a slam_node does."""
     whole = tell(checkpoint(views.stamps, views.poses, views.clouds, views.steps))
-    return [encode_batch(epoch, telling, Facts(whole.views[k:k + size]))
-            for k in range(0, len(whole.views), size)]
+    return [batch for k in range(0, len(whole.views), size)
+            for batch in encode_batches(epoch, telling, Facts(whole.views[k:k + size]))]
 
 
 def clock() -> Callable[[], float]:
@@ -157,10 +157,10 @@ def test_views_lie_where_loops_that_came_later_put_them() -> None:
                       np.diag([1e-4, 1e-4, 1e-5]))
     told = tell(checkpoint(own.stamps, own.poses, own.clouds, [*own.steps, loop]))
     store, before = ViewStore(), compose(inverse(truth['robot1'][0]), truth['robot1'])
-    store.take(encode_batch(EPOCHS['robot1'], 't', Facts(told.views)))
+    store.take(*encode_batches(EPOCHS['robot1'], 't', Facts(told.views)))
     assert store.views().poses == pytest.approx(own.poses, abs=1e-4)
     drifted = np.hypot(*(store.views().poses - before)[:, :2].T).max()
-    store.take(encode_batch(EPOCHS['robot1'], 't', Facts(loops=told.loops)))
+    store.take(*encode_batches(EPOCHS['robot1'], 't', Facts(loops=told.loops)))
     settled = np.hypot(*(store.views().poses - before)[:, :2].T).max()
     assert drifted > 0.5
     assert settled < 0.2 * drifted
@@ -173,12 +173,12 @@ def test_views_that_were_taken_back_show_nothing() -> None:
     own, n = views['robot1'], len(views['robot1'])
     whole = checkpoint(own.stamps, own.poses, own.clouds, own.steps)
     teller, store, first = Teller(), ViewStore(), n - 8
-    store.take(encode_batch(EPOCHS['robot1'], 't', teller.more(whole)))
+    store.take(*encode_batches(EPOCHS['robot1'], 't', teller.more(whole)))
     back = replace(whole, clouds=[*own.clouds[:first], *[NOTHING] * 8])
     more = teller.more(back)
-    assert teller.more(back).size == 0
-    store.take(encode_batch(EPOCHS['robot1'], 't', more))
-    store.take(encode_batch(EPOCHS['robot1'], 't', more))
+    assert teller.more(back).every == ()
+    store.take(*encode_batches(EPOCHS['robot1'], 't', more))
+    store.take(*encode_batches(EPOCHS['robot1'], 't', more))
     heard = store.views()
     assert len(heard) == n
     assert [len(cloud.points) > 0 for cloud in heard.clouds] == [k < first for k in range(n)]
@@ -186,7 +186,7 @@ def test_views_that_were_taken_back_show_nothing() -> None:
     alone = draw_joint({'a': heard}, {'a': truth['robot1'][:first]}, 0.05)
     assert np.array_equal(drawn.evidence, alone.evidence)
     late = ViewStore()      # a late joiner gets the views as they are now
-    late.take(encode_batch(EPOCHS['robot1'], 't', tell(back)))
+    late.take(*encode_batches(EPOCHS['robot1'], 't', tell(back)))
     assert [len(c.points) for c in late.views().clouds] == [len(c.points) for c in heard.clouds]
 
 

@@ -9,86 +9,154 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.geometry import Array, Pose
+from scipy.spatial import cKDTree
+from somfusion_ros.geometry import apply, Array, Pose
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud, cloud
 from somfusion_ros.team.beam_code import decode_beams, encode_beams, MAX_BEAMS
-from somfusion_ros.team.compact import pack, pack_covariance, pack_scaled, STEP as POSE_STEP
-from somfusion_ros.team.compact import unpack
+from somfusion_ros.team.bit_code import deflate
+from somfusion_ros.team.compact import pack, STEP as POSE_STEP, unpack
+from somfusion_ros.team.fact import pack_facts, SCAN, unpack_facts
+from somfusion_ros.team.outline_code import Corners, corners_of, follow
+from somfusion_ros.team.outline_code import TUNING as OUTLINE
+from somfusion_ros.team.shown import Shown
 from somfusion_ros.team.teller import tell, Teller
-from somfusion_ros.team.view_facts import (decode_constraint, decode_view, encode_constraint,
-                                           Facts, heard, TUNING, ViewFact)
+from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decode_view,
+                                           encode_constraint, encode_scan, Facts, heard, TUNING,
+                                           ViewFact)
+from somfusion_ros.team.view_set import DrawnScan
+from somfusion_ros.team.view_store import decode_batch, encode_batches
 
-STEP = 0.015     # [m] of a range that is told
 
-
-def seen_from(pose: Array, twist: Array | None = None, sweep: float = 0.0, beams: int = 361
-              ) -> Cloud:
-    """Scan the fake room while the robot moves."""
+def seen_from(pose: Array, twist: Array | None = None, sweep: float = 0.0, beams: int = 361,
+              noise: float = 0.0) -> Cloud:
+    """Scan the fake room, with noise [m], while the robot moves."""
     scan = fake_scan(fake_room(), pose, beams=beams, T_base_laser=Pose(0.1, -0.05, 0.3))
+    scan = replace(scan, ranges=scan.ranges + noise * np.random.default_rng(0).normal(size=beams))
     return cloud(replace(scan, time_increment=sweep / beams), 20.0, twist)
+
+
+def back(outline: Outline) -> Outline:
+    """Return what a peer makes of what a robot tells of a scan."""
+    return decode_beams(*encode_beams(outline)).outline
+
+
+def batch_of(outline: Outline) -> bytes:
+    """Pack a scan as a robot tells it."""
+    return pack_facts([encode_scan(DrawnScan(1.0, 0, np.zeros(3), outline))])
 
 
 @pytest.mark.slow
 @given(x=st.floats(1.0, 6.5), y=st.floats(1.0, 2.4), theta=st.floats(-3.0, 3.0),
-       speed=st.floats(-1.0, 1.0), turn=st.floats(-1.5, 1.5), beams=st.sampled_from([90, 361]))
+       speed=st.floats(-1.0, 1.0), turn=st.floats(-1.5, 1.5), beams=st.sampled_from([90, 361]),
+       noise=st.sampled_from([0.0, 0.01, 0.03]))
 @settings(max_examples=60, deadline=None)
 def test_beams_come_through(x: float, y: float, theta: float, speed: float, turn: float,
-                            beams: int) -> None:
-    seen = seen_from(np.array([x, y, theta]), np.array([speed, 0.0, turn]), 0.1, beams)
-    back = decode_beams(encode_beams(seen.outline))
-    assert np.array_equal(back.outline.hit, seen.outline.hit)
-    off = np.hypot(*(back.outline.ends - seen.outline.ends)[seen.outline.hit].T)
-    assert off.max(initial=0.0) < 0.55 * STEP      # and what single precision costs
-    assert np.abs(back.outline.reach - seen.outline.reach).max() < 0.51 * STEP
-    assert np.allclose(back.outline.origin, seen.outline.origin, atol=6e-5)
+                            beams: int, noise: float) -> None:
+    seen = seen_from(np.array([x, y, theta]), np.array([speed, 0.0, turn]), 0.1, beams, noise)
+    told = back(seen.outline)
+    hit = seen.outline.hit
+    assert np.array_equal(told.hit, hit)
+    off = (told.ends - seen.outline.ends)[hit]
+    nearest = cKDTree(told.hits).query(seen.outline.ends[hit])[0]
+    assert nearest.max(initial=0.0) < OUTLINE.along + OUTLINE.step
+    assert np.hypot(*off.T).max(initial=0.0) < OUTLINE.along + OUTLINE.step
+    assert np.median(nearest) < OUTLINE.across
+    assert np.abs(told.reach - seen.outline.reach)[~hit].max(initial=0.0) < 0.51 * OUTLINE.step
+    assert np.allclose(told.origin, seen.outline.origin, atol=6e-5)
+
+
+def test_a_wall_without_noise_is_two_corners() -> None:
+    room = seen_from(np.array([2.0, 2.0, 1.0])).outline
+    _, corners = encode_beams(room)
+    assert len(corners.gaps) < 40       # 361 beams; the room has pillars
+
+
+@given(st.lists(st.tuples(st.sampled_from('hod'), st.integers(1, 9), st.floats(0.1, 199.0)),
+                max_size=12))
+@settings(max_examples=60, deadline=None)
+def test_pieces_of_any_kind_come_through(pieces: list[tuple[str, int, float]]) -> None:
+    kinds = np.array([kind for kind, size, _ in pieces for _ in range(size)], str)
+    reach = np.array([0.0 if kind == 'd' else far for kind, size, far in pieces
+                      for _ in range(size)])
+    gaps, values = corners_of(Outline(np.zeros((len(reach), 2)), reach, kinds == 'h'), 0.01)
+    again, hit = follow(Corners(gaps, values), len(reach), 0.01)
+    assert np.array_equal(hit, kinds == 'h')
+    assert np.array_equal(again > 0.0, reach > 0.0)
+    assert np.abs(again - reach)[kinds == 'o'].max(initial=0.0) <= 0.51 * OUTLINE.step
+    assert np.abs(again - reach).max(initial=0.0) <= OUTLINE.along + OUTLINE.step
+
+
+def test_a_return_that_is_too_far_to_be_told_is_none() -> None:
+    outline = Outline(np.zeros((3, 2)), np.array([1.0, 900.0, 1.0]), np.ones(3, bool))
+    reach, hit = follow(corners_of(outline, 0.01), 3, 0.01)
+    assert hit.tolist() == [True, False, True]
+    assert reach[1] > 100.0
 
 
 def test_a_view_costs_few_bytes() -> None:
-    sizes = [len(encode_beams(seen_from(np.array([x, 1.5, x])).outline))
+    sizes = [len(batch_of(seen_from(np.array([x, 1.5, x]), noise=0.01).outline))
              for x in np.linspace(1.0, 6.5, 20)]
-    assert 60 < np.mean(sizes) < 420     # 361 beams of a room without noise
+    assert 40 < np.mean(sizes) < 200     # 361 beams of a room with pillars
 
 
 def test_what_is_told_twice_is_the_same() -> None:
     """A robot uses its own facts as its peers do: packing what was unpacked changes nothing."""
     told = encode_beams(seen_from(np.array([2.0, 2.0, 1.0])).outline)
-    once, twice = decode_beams(told), decode_beams(told)
-    assert np.array_equal(once.points, twice.points)
+    assert np.array_equal(decode_beams(*told).points, decode_beams(*told).points)
 
 
 @given(cut=st.integers(0, 400))
 @settings(max_examples=40, deadline=None)
-def test_a_cut_view_is_refused(cut: int) -> None:
-    told = encode_beams(seen_from(np.array([2.0, 2.0, 1.0])).outline)
+def test_facts_that_are_cut_short_are_refused(cut: int) -> None:
+    told = batch_of(seen_from(np.array([2.0, 2.0, 1.0])).outline)
     if cut < len(told):
-        with pytest.raises(ValueError, match='view'):
-            decode_beams(told[:cut])
+        with pytest.raises(ValueError, match='views|cut|fit|decompressed'):
+            unpack_facts(told[:cut])
 
 
 @given(noise=st.binary(min_size=0, max_size=200), at=st.integers(0, 300), bit=st.integers(0, 7))
 @settings(max_examples=150, deadline=None)
 def test_garbage_ends_in_a_value_error_or_a_small_view(noise: bytes, at: int, bit: int) -> None:
-    told = bytearray(encode_beams(seen_from(np.array([2.0, 2.0, 1.0])).outline))
+    told = bytearray(batch_of(seen_from(np.array([2.0, 2.0, 1.0])).outline))
     told[at % len(told)] ^= 1 << bit
     for data in (noise, bytes(told), bytes(told) + noise):
         try:
-            seen = decode_beams(data)
-        except ValueError:
+            seen = [decode_scan(fact) for fact in unpack_facts(data) if fact.kind == SCAN]
+        except ValueError as error:
+            assert '\n' not in str(error)
             continue
-        assert len(seen.outline.reach) <= MAX_BEAMS
-        assert np.isfinite(seen.points).all()
+        for scan in seen:
+            assert len(scan.outline.reach) <= MAX_BEAMS
+            assert np.isfinite(scan.outline.ends).all()
 
 
 def test_a_bomb_is_refused() -> None:
-    head = pack((361,)) + pack_scaled(np.zeros(6), np.ones(6))
-    import zlib
-    packer = zlib.compressobj(9, wbits=-15)
-    bomb = packer.compress(bytes(50_000_000)) + packer.flush()
-    with pytest.raises(ValueError, match='damaged'):
-        decode_beams(head + bomb)
+    bomb = pack([1, SCAN, 1, 5]) + deflate(bytes(50_000_000))
+    with pytest.raises(ValueError, match='does not fit'):
+        unpack_facts(bomb)
+    for many in ([1, SCAN, 10 ** 8, 5], [1, SCAN, 1, 10 ** 9], [10 ** 9], [1, 77, 1, 0]):
+        with pytest.raises(ValueError, match='views|cut short'):
+            unpack_facts(pack(many))
+
+
+def test_another_version_is_refused_by_name() -> None:
+    batch, = encode_batches(Epoch('a1'), 't', tell(path(2)))
+    with pytest.raises(ValueError, match='of version 2, not 3'):
+        decode_batch(b'\x02' + batch[1:])
+
+
+def test_what_is_told_at_once_comes_in_messages_of_bounded_size() -> None:
+    many = Facts(loops=tuple(encode_constraint(Constraint(0, k, np.zeros(3), np.eye(3)))
+                             for k in range(1, 1000)))
+    batches = encode_batches(Epoch('a1'), 't', many)
+    assert len(batches) == 4
+    assert [fact for batch in batches for fact in decode_batch(batch)[2]] == [*many.loops]
+    assert encode_batches(Epoch('a1'), 't', Facts()) == []
 
 
 @given(z=st.tuples(*[st.floats(-50.0, 50.0)] * 3), sigma=st.tuples(*[st.floats(1e-6, 5.0)] * 3),
@@ -102,15 +170,19 @@ def test_constraints_come_through_with_a_floor(z: tuple, sigma: tuple, turn: flo
     assert (back.first, back.second) == (3, 17)
     assert np.abs(back.z[:2] - z[:2]).max() <= 0.51 * POSE_STEP[0]
     floor = np.array([TUNING.least[0], TUNING.least[0], TUNING.least[1]]) ** 2
-    assert (np.diag(back.R) >= np.maximum(np.diag(R), floor) * (1.0 - 1e-4)).all()
+    assert (np.diag(back.R) >= 0.85 * np.maximum(np.diag(R), floor)).all()
     assert np.linalg.eigvalsh(back.R)[0] > 0.0
+    for u in (*Q.T, *np.eye(3)):      # what is known well stays so, what is not, too
+        told, came = u @ R @ u, u @ back.R @ u
+        assert 0.85 * told <= came <= 1.25 * told + floor.sum() + 3e-6 * np.diag(back.R).max()
 
 
-@pytest.mark.parametrize('R', [1e9 * np.eye(3), np.array([[1.0, 5, 5], [5, 1, -5], [5, -5, 1]])])
-def test_an_absurd_covariance_is_refused(R: Array) -> None:
-    told = pack((1, 1)) + pack_scaled(np.zeros(3), POSE_STEP) + pack_covariance(R)
+@pytest.mark.parametrize('R', [(767, 767, 767, 0, 0, 0), (-1, 0, 0, 0, 0, 0),
+                               (99, 99, 99, 1 << 25, 0, 0), (769, 0, 0, 0, 0, 0)])
+def test_an_absurd_covariance_is_refused(R: tuple[int, ...]) -> None:
+    told = encode_constraint(Constraint(0, 1, np.zeros(3), np.eye(3)))
     with pytest.raises(ValueError, match='covariance'):
-        decode_constraint(told)
+        decode_constraint(told._replace(numbers=(*told.numbers[:5], *R)))
 
 
 @given(st.lists(st.integers(-2 ** 50, 2 ** 50), max_size=20), st.binary(max_size=9))
@@ -137,11 +209,29 @@ def test_a_path_comes_through_whole() -> None:
     whole = path()
     views = heard(tell(whole))
     assert views.stamps.tolist() == whole.stamps.tolist()
-    assert views.poses == pytest.approx(whole.poses, abs=1e-6)
+    assert views.poses == pytest.approx(whole.poses, abs=1e-4)
     assert [(r.first, r.second) for r in [*views.steps, *views.loops]] == [
         (r.first, r.second) for r in whole.constraints]
-    assert [(scan.view, scan.stamp) for scan in views.between] == [
-        (k, k + x) for k in range(6) for x in (0.25, 0.5)]        # spaced by 0.2 m
+    told = {(scan.view, scan.stamp) for scan in views.between}
+    assert {(0, 0.25)} <= told < {(k, k + x) for k in range(6) for x in (0.25, 0.5)}
+
+
+def test_a_scan_is_told_only_where_it_shows_something_new() -> None:
+    whole = path()
+    poses = [*whole.poses, *(whole.poses[scan.view] + scan.T_view_base for scan in whole.scans)]
+    saw = [*(c.outline for c in whole.clouds), *(scan.outline for scan in whole.scans)]
+    views = heard(tell(whole))
+    showed = [apply(pose, cloud.outline.hits) for pose, cloud in zip(whole.poses, views.clouds)]
+    showed += [apply(whole.poses[s.view] + s.T_view_base, s.outline.hits) for s in views.between]
+    missed = cKDTree(np.concatenate(showed)).query(np.concatenate([
+        apply(pose, outline.hits) for pose, outline in zip(poses, saw)]))[0] > 0.15
+    assert missed.mean() < 0.01
+    again = Shown()
+    for pose, outline in [*zip(poses, saw)] * 2:
+        again.add(outline, pose)
+    assert not any(again.is_new(outline, pose) for pose, outline in zip(poses, saw))
+    assert again.is_new(saw[0], np.array([1e7, 0.0, 0.0]))      # where no raster reaches
+    assert again.is_new(saw[0], poses[0] + (30.0, -40.0, 0.0))
 
 
 def test_nothing_is_told_twice_and_nothing_left_out() -> None:
@@ -151,10 +241,11 @@ def test_nothing_is_told_twice_and_nothing_left_out() -> None:
                    trail=whole.trail[:15])
     first, second, third = teller.more(part), teller.more(whole), teller.more(whole)
     at_once = tell(whole)
-    assert third.size == 0
+    assert third.every == ()
     assert first.views + second.views == at_once.views
     assert first.loops + second.loops == at_once.loops
-    assert first.between + second.between == at_once.between
+    between = first.between + second.between
+    assert len(set(between)) == len(between) >= len(at_once.between)
 
 
 def test_order_and_doubling_do_not_matter_and_what_follows_a_gap_waits() -> None:
@@ -167,7 +258,8 @@ def test_order_and_doubling_do_not_matter_and_what_follows_a_gap_waits() -> None
 
 
 def test_a_view_that_follows_no_other_is_refused() -> None:
-    wrong = ViewFact(4, 0.0, np.zeros(3), b'', Constraint(5, 4, np.zeros(3), np.eye(3)))
+    wrong = ViewFact(4, 0.0, np.zeros(3), Constraint(5, 4, np.zeros(3), np.eye(3)),
+                     encode_beams(Outline())[0], b'')
     with pytest.raises(ValueError, match='does not follow'):
         decode_view(wrong.encode())
 

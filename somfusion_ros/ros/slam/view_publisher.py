@@ -10,7 +10,7 @@ from somfusion_ros.ros.common import names, qos
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.team.teller import Teller
-from somfusion_ros.team.view_store import encode_batch
+from somfusion_ros.team.view_store import encode_batches
 from std_msgs.msg import UInt8MultiArray
 
 
@@ -26,10 +26,9 @@ class ViewPublisher:
         """Tell what is new."""
         path = slam.checkpoint()
         if path.epoch != self._epoch:
-            self._epoch, self._told = path.epoch, (Teller(), uuid4().hex[:12])
+            self._epoch, self._told = path.epoch, (Teller(), uuid4().hex[:6])
         teller, telling = self._told
-        facts = teller.more(path)
-        if facts.size:
+        for batch in encode_batches(path.epoch, telling, teller.more(path)):
             block = array('B')
-            block.frombytes(encode_batch(path.epoch, telling, facts))
+            block.frombytes(batch)
             self._topic.publish(UInt8MultiArray(data=block))

@@ -7,7 +7,7 @@ Only of work whose result depends on nothing but its key: with the memory or wit
 same to the last bit.
 """
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 import hashlib
 from pathlib import Path
@@ -19,6 +19,7 @@ import somfusion_ros
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.bond_codec import ToldBond
+from somfusion_ros.team.fact import Fact
 from somfusion_ros.team.fact_reader import FactReader
 from somfusion_ros.team.view_facts import ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
@@ -76,25 +77,25 @@ class RememberingReader(FactReader):
         self._memory = Memory(most)
         self._first: WeakKeyDictionary[ViewSet, ViewSet] = WeakKeyDictionary()
 
-    def view(self, fact: bytes) -> ViewFact:
+    def view(self, fact: Fact) -> ViewFact:
         """Unpack a view."""
         view: ViewFact = self._memory.of(('view', fact), lambda: super(
             RememberingReader, self).view(fact))
         return view
 
-    def cloud(self, beams: bytes) -> Cloud:
+    def cloud(self, beams: Sequence[int], outline: bytes) -> Cloud:
         """Unpack the beams of a view."""
-        cloud: Cloud = self._memory.of(('cloud', beams), lambda: super(
-            RememberingReader, self).cloud(beams))
+        cloud: Cloud = self._memory.of(('cloud', tuple(beams), outline), lambda: super(
+            RememberingReader, self).cloud(beams, outline))
         return cloud
 
-    def loop(self, fact: bytes) -> Constraint:
+    def loop(self, fact: Fact) -> Constraint:
         """Unpack a constraint between two views."""
         loop: Constraint = self._memory.of(('loop', fact), lambda: super(
             RememberingReader, self).loop(fact))
         return loop
 
-    def scan(self, fact: bytes) -> DrawnScan:
+    def scan(self, fact: Fact) -> DrawnScan:
         """Unpack a scan that is only drawn."""
         scan: DrawnScan = self._memory.of(('scan', fact), lambda: super(
             RememberingReader, self).scan(fact))

@@ -10,14 +10,12 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.team.bond_codec import encode_bonds, ToldBond
+from somfusion_ros.team.fact import LOOP, SCAN, VIEW
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_facts import (encode_constraint, encode_scan, Facts, MAX_VIEWS,
                                            ViewFact)
 from somfusion_ros.team.view_set import DrawnScan
-from somfusion_ros.team.view_store import decode_batch, encode_batch
-from somfusion_ros.team.view_store import LOOP as A_LOOP
-from somfusion_ros.team.view_store import SCAN as A_SCAN
-from somfusion_ros.team.view_store import VIEW as A_VIEW
+from somfusion_ros.team.view_store import decode_batch, encode_batches
 
 TELLING = '11a7'
 SURE = 1e-8 * np.eye(3)
@@ -38,25 +36,30 @@ def flood() -> Facts:
 
 def absurd_batches(epoch: Epoch, rng: np.random.Generator) -> list[bytes]:
     """Make batches of facts that are none, or too many."""
-    beams = rng.integers(0, 256, 80, np.uint8).tobytes()
-    views = tuple(ViewFact(number, stamp, np.array([x, 0.0, 0.0]), beams, step).encode()
-                  for number, stamp, x, step in (
-        (0, 1.0, 9e6, None), (0, float('nan'), 0.0, None), (MAX_VIEWS + 1, 0.0, 0.0, None),
-        (0, 1.0, 0.0, None), (3, 1.0, 0.0, Constraint(3, 3, np.zeros(3), SURE))))
+    words = rng.integers(0, 1 << 16, (40, 2), np.uint16)
+    outline, beams = words.tobytes(), [180, 0, 0, 0, 10 ** 5, 0, 0]
+    views = tuple(ViewFact(number, 1.0, np.array([x, 0.0, 0.0]), step, beams, outline).encode()
+                  for number, x, step in (
+        (0, 9e6, None), (MAX_VIEWS + 1, 0.0, None), (0, 0.0, None),
+        (3, 0.0, Constraint(3, 3, np.zeros(3), SURE))))
     loops = (encode_constraint(Constraint(7, 7, np.ones(3), SURE)),
-             encode_constraint(Constraint(0, 1, np.array([9e6, 0.0, 0.0]), SURE)), beams)
+             encode_constraint(Constraint(0, 1, np.array([9e6, 0.0, 0.0]), SURE)))
     noise = rng.integers(0, 256, int(rng.integers(0, 200)), np.uint8).tobytes()
-    return [noise, encode_batch(epoch, TELLING, Facts(views, loops, (beams,))),
-            encode_batch(epoch, TELLING, flood()),
-            encode_batch(epoch, TELLING, Facts((), loops))[:-3]]
+    return [noise, *_batches(epoch, Facts(views, loops)), *_batches(epoch, flood()),
+            *(batch[:-3] for batch in _batches(epoch, Facts((), loops)))]
+
+
+def _batches(epoch: Epoch, facts: Facts) -> list[bytes]:
+    """Pack facts as the liar's."""
+    return encode_batches(epoch, TELLING, facts)
 
 
 def stolen(batch: bytes, epoch: Epoch) -> bytes:
     """Tell another robot's facts as if they were of the liar's own map."""
     _, _, facts = decode_batch(batch)
-    return encode_batch(epoch, TELLING, Facts(*(
-        tuple(fact for kind, fact in facts if kind == wanted)
-        for wanted in (A_VIEW, A_LOOP, A_SCAN))))
+    told, = _batches(epoch, Facts(*(tuple(fact for fact in facts if fact.kind == kind)
+                                    for kind in (VIEW, LOOP, SCAN))))
+    return told
 
 
 def bonds_with(liar: str, own: Epoch, others: Mapping[str, Epoch], rng: np.random.Generator,

@@ -11,7 +11,7 @@ from somfusion_ros.team.channels import BONDS, VIEWS
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.view_inbox import ViewInbox
-from somfusion_ros.team.view_store import encode_batch
+from somfusion_ros.team.view_store import encode_batches
 
 
 class ViewEnd:
@@ -30,9 +30,9 @@ class ViewEnd:
             self._telling, self._told = slam.telling, 0
         come = slam.tape.come(slam.elapsed)
         for facts in slam.tape.facts[self._told:come]:
-            batch = encode_batch(slam.epoch, slam.telling, facts)
-            self._inbox.keep_batch(self._name, batch)
-            self._network.publish(self._name, VIEWS, batch, len(batch), now, log=True)
+            for batch in encode_batches(slam.epoch, slam.telling, facts):
+                self._inbox.keep_batch(self._name, batch)
+                self._network.publish(self._name, VIEWS, batch, len(batch), now, log=True)
         if come > self._told:
             poses = slam.tape.kept[come - 1].poses
             self._session.path = poses
