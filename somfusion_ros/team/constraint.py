@@ -5,6 +5,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from somfusion_ros.geometry import Array, inverse, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
@@ -80,12 +81,15 @@ def turned(constraint: MapConstraint) -> MapConstraint:
                    T_target_source=T, covariance=J @ P @ J.T, epochs=constraint.epochs[::-1])
 
 
-def with_drift(T_target_source: Pose, covariance: Array) -> Array:
-    """Add to a constraint's covariance (3, 3) how much two maps of one place bend apart."""
-    length = np.hypot(T_target_source.x, T_target_source.y)
+def with_drift(T_target_source: ArrayLike, covariance: Array) -> Array:
+    """Add to constraints' covariances (..., 3, 3) how much two maps of one place bend apart."""
+    pose = np.asarray(T_target_source, dtype=float)
+    length = np.hypot(pose[..., 0], pose[..., 1])
     sigma_xy = np.hypot(TUNING.drift_sigma_xy, TUNING.drift_sigma_theta * length)
-    drift: Array = np.diag([sigma_xy, sigma_xy, TUNING.drift_sigma_theta]) ** 2
-    return covariance + drift
+    drifted = np.array(covariance, dtype=float)
+    for k, sigma in enumerate((sigma_xy, sigma_xy, TUNING.drift_sigma_theta)):
+        drifted[..., k, k] += sigma ** 2
+    return drifted
 
 
 def sane_covariance(covariance: Array) -> Array:

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
-from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, with_drift
 from somfusion_ros.team.pose_graph import component, Estimate, leave_one_out, optimise, PoseGraph
 from somfusion_ros.team.voices import one_voice_each
 
 DIGITS = 3            # of chi-square; constraints that differ by less are equally bad
+ROUGH = 1e-4          # [m, rad] of the last step are enough to see what contradicts
 NAMED = 8             # robots that a reason names
 CONTRADICTIONS = 3    # of one author that are left out one by one; then all that it says is
 
@@ -85,8 +86,10 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     names, said = sorted(set(robots)), sorted(constraints, key=lambda c: (c.robots, c.author))
     _check(names, said)
     voices, dropped = one_voice_each(said)
+    near: dict[str, Pose] = {}
     while True:
-        solution = _place(names, voices, Counter(one.constraint.author for one in dropped))
+        solution = _place(names, voices, Counter(one.constraint.author for one in dropped), near)
+        near = {name: pose for group in solution.groups for name, pose in group.items()}
         dropped += solution.dropped
         wrong = Counter(one.constraint.author for one in solution.dropped)
         liars = {author for author, count in wrong.items() if author and count > CONTRADICTIONS}
@@ -98,12 +101,12 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
         voices = [one for one in voices if one.author not in liars]
 
 
-def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str, int]
-           ) -> Solution:
+def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str, int],
+           near: Mapping[str, Pose]) -> Solution:
     """
     Solve every connected group; stop leaving out where one author is wrong too often.
 
-    wrong: how often each author has contradicted itself.
+    wrong: how often each author has contradicted itself; near: where the maps lie about.
     """
     groups: list[dict[str, Pose]] = []
     covariances: dict[str, Array] = {}
@@ -113,7 +116,9 @@ def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str
     while left:
         members = [names[i] for i in component(len(names), pairs, names.index(left[0]))]
         inside = [one for one in voices if one.target in members]
-        estimate, left_out = _consistent(members, inside, wrong)
+        start = (np.array([between(near[members[0]], near[name]) for name in members])
+                 if near else None)
+        estimate, left_out = _consistent(members, inside, wrong, start)
         dropped += left_out
         groups.append({m: Pose.from_array(p) for m, p in zip(members, estimate.poses)})
         covariances |= dict(zip(members, estimate.covariances))
@@ -124,13 +129,16 @@ def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str
 
 def _check(names: list[str], constraints: Sequence[MapConstraint]) -> None:
     """Raise ValueError on constraints that no graph can hold."""
+    known = set(names)
     for constraint in constraints:
-        pair = ' - '.join(constraint.robots)
-        if constraint.target == constraint.source or not {*constraint.robots} <= set(names):
-            raise ValueError(f'constraint {pair} does not join two robots of {names}')
-        if not (np.isfinite(constraint.covariance).all()
-                and np.isfinite(constraint.T_target_source).all()):
-            raise ValueError(f'constraint {pair} is not finite')
+        if constraint.target == constraint.source or not {*constraint.robots} <= known:
+            raise ValueError(f'constraint {" - ".join(constraint.robots)} does not join two '
+                             f'robots of {names}')
+    numbers = np.array([(*c.T_target_source, *c.covariance.flat) for c in constraints])
+    finite = np.isfinite(numbers).reshape(-1, 12).all(axis=1)
+    if not finite.all():
+        wrong = constraints[int(finite.argmin())]
+        raise ValueError(f'constraint {" - ".join(wrong.robots)} is not finite')
 
 
 def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDArray[np.intp]:
@@ -140,13 +148,13 @@ def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDA
                     dtype=np.intp).reshape(-1, 2)
 
 
-def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Mapping[str, int]
-                ) -> tuple[Estimate, list[Dropped]]:
+def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Mapping[str, int],
+                start: Array | None) -> tuple[Estimate, list[Dropped]]:
     """Solve one connected group, dropping constraints until the cycles agree."""
     graph = PoseGraph(len(members), _numbered(members, constraints),
                       np.array([c.T_target_source for c in constraints]).reshape(-1, 3),
                       _information(constraints))
-    constraints, estimate = list(constraints), optimise(graph)
+    constraints, estimate = list(constraints), optimise(graph, start, ROUGH)
     dropped: list[Dropped] = []
     doubted = Counter(doubts)
     while _contradicts(graph, estimate):
@@ -159,9 +167,9 @@ def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Ma
         dropped.append(Dropped(wrong, reason))
         graph = graph.without(worst)
         if sum(one.constraint.author == wrong.author != '' for one in dropped) > CONTRADICTIONS:
-            break   # all that this author says is going to be left out
-        estimate = optimise(graph)
-    return estimate, dropped
+            return estimate, dropped   # all that this author says is going to be left out
+        estimate = optimise(graph, estimate.poses, ROUGH)
+    return optimise(graph, estimate.poses), dropped
 
 
 def _information(constraints: list[MapConstraint]) -> Array:
@@ -172,9 +180,10 @@ def _information(constraints: list[MapConstraint]) -> Array:
     are the same, so they are averaged as in covariance intersection with equal weights.
     """
     alike = Counter((frozenset(c.robots), c.kind) for c in constraints)
-    P = np.array([with_drift(c.T_target_source, c.covariance)
-                  * alike[frozenset(c.robots), c.kind] for c in constraints]).reshape(-1, 3, 3)
-    information: Array = np.linalg.inv(P)
+    times = np.array([alike[frozenset(c.robots), c.kind] for c in constraints], float)
+    P = with_drift(np.array([c.T_target_source for c in constraints]).reshape(-1, 3),
+                   np.array([c.covariance for c in constraints]).reshape(-1, 3, 3))
+    information: Array = np.linalg.inv(P * times[:, None, None])
     return information
 
 

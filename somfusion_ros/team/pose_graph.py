@@ -8,6 +8,7 @@ simplest and the fastest here. Node 0 is the anchor and stays at the identity.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +35,8 @@ class PoseGraphTuning:
 TUNING = PoseGraphTuning()
 
 
-class PoseGraph(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PoseGraph:
     """
     Measured relative poses of nodes 0..nodes-1, all reachable from node 0.
 
@@ -52,13 +54,44 @@ class PoseGraph(NamedTuple):
         keep = np.arange(len(self.pairs)) != constraint
         return PoseGraph(self.nodes, self.pairs[keep], self.measured[keep], self.information[keep])
 
+    @cached_property
+    def links(self) -> 'Links':
+        """The pairs of nodes that constraints join, each once."""
+        numbers, number = np.unique(self.pairs @ [self.nodes, 1], return_inverse=True)
+        a, b = np.divmod(numbers, self.nodes)
+        place = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
+        summed = _by_link(number, self.information.reshape(-1, 9), len(numbers))
+        return Links(a, b, number, summed.reshape(-1, 3, 3), place)
+
+
+class Links(NamedTuple):
+    """
+    Pairs (L,) of nodes a, b that constraints join.
+
+    number (E,): that of every constraint; information (L, 3, 3): that of all constraints on a
+    pair, whose residuals have the same Jacobian; place (L, 6): of this in the normal matrix.
+    """
+
+    a: NDArray[np.intp]
+    b: NDArray[np.intp]
+    number: NDArray[np.intp]
+    information: Array
+    place: NDArray[np.intp]
+
 
 class Estimate(NamedTuple):
-    """Poses (nodes, 3) in node 0's frame, covariances (nodes, 3, 3), chi-square (E,)."""
+    """Poses (nodes, 3) in node 0's frame, P (3 nodes, 3 nodes) of all, chi-square (E,)."""
 
     poses: Array
-    covariances: Array
+    P: Array
     chi2: Array
+
+    @property
+    def covariances(self) -> Array:
+        """Of every node's pose, (nodes, 3, 3)."""
+        n = np.arange(len(self.poses))
+        blocks: Array = self.P.reshape(len(n), 3, len(n), 3)[n, :, n, :]
+        return blocks
 
 
 def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
@@ -69,19 +102,22 @@ def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
     return np.flatnonzero(labels == labels[start]).tolist()
 
 
-def optimise(graph: PoseGraph) -> Estimate:
-    """Solve by Gauss-Newton, from the poses along a tree of the best-known constraints."""
-    poses = _along_tree(graph)
+def optimise(graph: PoseGraph, start: Array | None = None,
+             tolerance: float = TUNING.step_tolerance) -> Estimate:
+    """
+    Solve by Gauss-Newton, until a step is below a tolerance [m, rad].
+
+    From start (nodes, 3), or from the poses along a tree of the best-known constraints.
+    """
+    poses = _along_tree(graph) if start is None else start
     for _ in range(MAX_ITERATIONS):
         poses, step = _step(graph, poses)
-        if step < TUNING.step_tolerance:
+        if step < tolerance:
             break
     H, _, chi2 = _linearise(graph, poses)
     P = np.zeros((3 * graph.nodes, 3 * graph.nodes))
     P[3:, 3:] = np.linalg.inv(H[3:, 3:])
-    blocks = np.arange(graph.nodes)
-    covariances = P.reshape(graph.nodes, 3, graph.nodes, 3)[blocks, :, blocks, :]
-    return Estimate(poses, covariances, chi2)
+    return Estimate(poses, P, chi2)
 
 
 def leave_one_out(graph: PoseGraph, estimate: Estimate) -> Array:
@@ -89,22 +125,35 @@ def leave_one_out(graph: PoseGraph, estimate: Estimate) -> Array:
     Return the chi-square (E,) that the others sum up to without each constraint, to first order.
 
     What a constraint's residual is in the scale of its own noise, less what the solution owes to
-    it, is removed. inf where the graph would fall apart: such a constraint has no residual.
+    it, is removed. inf where the graph would fall apart: such a constraint has no residual. Of
+    those that cannot be the worst, which most are, it is a bound from above that is not the least.
     """
-    H, _, chi2 = _linearise(graph, estimate.poses)
-    P = np.zeros_like(H)
-    P[3:, 3:] = np.linalg.inv(H[3:, 3:])
-    residual, J, index = _residuals(graph, estimate.poses)
-    root = np.linalg.cholesky(graph.information)
-    white = np.einsum('eji,ej->ei', root, residual)
-    J = np.swapaxes(root, 1, 2) @ J
-    owed = J @ P[index[:, :, None], index[:, None, :]] @ np.swapaxes(J, 1, 2)
+    links, P, total = graph.links, estimate.P, estimate.chi2.sum()
+    J = np.concatenate(_jacobians(graph, estimate.poses), axis=-1)
+    spread = J @ P[links.place[:, :, None], links.place[:, None, :]] @ np.swapaxes(J, 1, 2)
+    owed = np.einsum('eij,eij->e', graph.information, spread[links.number])    # the trace
+    most = np.where(owed < 1.0, estimate.chi2 / np.maximum(1.0 - owed, TUNING.least_freedom),
+                    np.inf)
+    without: Array = np.asarray(total - estimate.chi2)
+    worst = np.flatnonzero(most >= estimate.chi2.max() - 1e-6 * total)
+    without[worst] = total - _removed(graph, estimate.poses, spread, worst)
+    return without
+
+
+def _removed(graph: PoseGraph, poses: Array, spread: Array, which: NDArray[np.intp]) -> Array:
+    """
+    Return what chi-square (K,) loses with each of some constraints; -inf where nobody else ties.
+
+    spread (L, 3, 3): covariance of what the constraints of each link measure.
+    """
+    root = np.linalg.cholesky(graph.information[which])
+    white = np.einsum('eji,ej->ei', root, _residuals(graph, poses)[which])
+    owed = np.swapaxes(root, 1, 2) @ spread[graph.links.number[which]] @ root
     free, directions = np.linalg.eigh(np.eye(3) - owed)
     along = np.einsum('eji,ej->ei', directions, white)
     tied = free > TUNING.least_freedom
     removed = np.sum(np.where(tied, along ** 2 / np.where(tied, free, 1.0), 0.0), axis=1)
-    without: Array = np.where(tied.any(axis=1), chi2.sum() - removed, np.inf)
-    return without
+    return np.where(tied.any(axis=1), removed, -np.inf)
 
 
 def _step(graph: PoseGraph, poses: Array) -> tuple[Array, float]:
@@ -119,24 +168,38 @@ def _step(graph: PoseGraph, poses: Array) -> tuple[Array, float]:
 
 def _linearise(graph: PoseGraph, poses: Array) -> tuple[Array, Array, Array]:
     """Build the normal matrix H, gradient, and chi-square per constraint at the given poses."""
-    residual, J, index = _residuals(graph, poses)
-    JtW = np.swapaxes(J, 1, 2) @ graph.information
-    size = 3 * graph.nodes
-    H = np.bincount((size * index[:, :, None] + index[:, None, :]).ravel(), (JtW @ J).ravel(),
-                    size * size).reshape(size, size)
-    gradient = np.bincount(index.ravel(), np.einsum('eij,ej->ei', JtW, residual).ravel(), size)
-    chi2 = np.einsum('ei,eij,ej->e', residual, graph.information, residual)
-    return H, gradient, chi2
+    links, residual, size = graph.links, _residuals(graph, poses), 3 * graph.nodes
+    weighted = np.einsum('eij,ej->ei', graph.information, residual)
+    pull = _by_link(links.number, weighted, len(links.a))
+    by_a, by_b = _jacobians(graph, poses)
+    H = np.zeros((graph.nodes, 3, graph.nodes, 3))
+    ours, theirs = by_a.swapaxes(1, 2) @ links.information, by_b.swapaxes(1, 2) @ links.information
+    H[links.a, :, links.b] = ours @ by_b
+    H += H.transpose(2, 3, 0, 1)
+    gradient = np.zeros((graph.nodes, 3))
+    for nodes, JtW, J in ((links.a, ours, by_a), (links.b, theirs, by_b)):
+        own = _by_link(nodes, (JtW @ J).reshape(-1, 9), graph.nodes)
+        H[np.arange(graph.nodes), :, np.arange(graph.nodes)] += own.reshape(-1, 3, 3)
+        gradient += _by_link(nodes, np.einsum('eji,ej->ei', J, pull), graph.nodes)
+    return H.reshape(size, size), gradient.ravel(), np.einsum('ei,ei->e', residual, weighted)
 
 
-def _residuals(graph: PoseGraph, poses: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Return residuals (E, 3), their Jacobians (E, 3, 6), and the places (E, 6) of these in H."""
-    a, b = graph.pairs.T
-    residual = between(poses[a], poses[b]) - graph.measured
+def _by_link(number: NDArray[np.intp], values: Array, count: int) -> Array:
+    """Sum values (E, K) of equal numbers (E,) below a count: (count, K)."""
+    return np.stack([np.bincount(number, column, count) for column in values.T], axis=1)
+
+
+def _residuals(graph: PoseGraph, poses: Array) -> Array:
+    """Return residuals (E, 3)."""
+    links = graph.links
+    residual = between(poses[links.a], poses[links.b])[links.number] - graph.measured
     residual[:, 2] = wrap(residual[:, 2])
-    J = np.concatenate(between_jacobians(poses[a], poses[b]), axis=-1)
-    index = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
-    return residual, J, index
+    return residual
+
+
+def _jacobians(graph: PoseGraph, poses: Array) -> tuple[Array, Array]:
+    """Return the Jacobians (L, 3, 3) of what the constraints of each link measure."""
+    return between_jacobians(poses[graph.links.a], poses[graph.links.b])
 
 
 def _along_tree(graph: PoseGraph) -> Array:

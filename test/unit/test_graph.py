@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The team's graph: every robot placed alike, contradictions dropped and said."""
 
+from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 from helpers import pose_error
 from hypothesis import given, settings
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, inverse, Pose
+from somfusion_ros.team import pose_graph
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.graph import Dropped, solve, with_drift
 
@@ -130,6 +133,32 @@ def test_two_wrong_constraints_among_five_robots(rng: np.random.Generator) -> No
                              for pair in combinations(truth, 2)])
     assert {(d.constraint.target, d.constraint.source) for d in solution.dropped} == set(bad)
     assert_placed(solution.groups[0], truth)
+
+
+def test_a_liar_in_a_team_of_64_costs_little_more_work(monkeypatch: pytest.MonkeyPatch,
+                                                      rng: np.random.Generator) -> None:
+    """All pairs told by both robots, 4032: what is counted is how often the graph is linearised."""
+    count = [0]
+    linearise = pose_graph._linearise
+
+    def counted(*args: Any) -> Any:
+        count[0] += 1
+        return linearise(*args)
+    monkeypatch.setattr(pose_graph, '_linearise', counted)
+    truth = {f'r{k:02d}': Pose(*rng.uniform((-50, -50, -3), (50, 50, 3))) for k in range(64)}
+    liar, work = 'r63', {}
+    for lies in (False, True):
+        said = [replace(constraint(truth, *pair, rng.uniform(-9, 9, 3) if lies and author == liar
+                                   else rng.normal(0, (0.01, 0.01, 0.001))), author=author)
+                for pair in combinations(truth, 2) for author in pair]
+        count[0] = 0
+        solution = solve(truth, said)
+        work[lies] = count[0]
+        assert {one.constraint.author for one in solution.dropped} == ({liar} if lies else set())
+        for robot, pose in solution.groups[0].items():
+            assert np.hypot(*between(between(truth['r00'], truth[robot]), pose)[:2]) < 0.1
+    assert work[False] <= 12
+    assert work[True] <= 36     # each takes some 4 ms
 
 
 def test_maps_that_bend_a_little_are_no_contradiction(rng: np.random.Generator) -> None:
