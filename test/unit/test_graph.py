@@ -135,8 +135,8 @@ def test_two_wrong_constraints_among_five_robots(rng: np.random.Generator) -> No
     assert_placed(solution.groups[0], truth)
 
 
-def test_a_liar_in_a_team_of_64_costs_little_more_work(monkeypatch: pytest.MonkeyPatch,
-                                                      rng: np.random.Generator) -> None:
+def test_a_liar_in_a_team_of_64_costs_little_more_work(
+        monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     """All pairs told by both robots, 4032: what is counted is how often the graph is linearised."""
     count = [0]
     linearise = pose_graph._linearise
@@ -148,9 +148,9 @@ def test_a_liar_in_a_team_of_64_costs_little_more_work(monkeypatch: pytest.Monke
     truth = {f'r{k:02d}': Pose(*rng.uniform((-50, -50, -3), (50, 50, 3))) for k in range(64)}
     liar, work = 'r63', {}
     for lies in (False, True):
-        said = [replace(constraint(truth, *pair, rng.uniform(-9, 9, 3) if lies and author == liar
-                                   else rng.normal(0, (0.01, 0.01, 0.001))), author=author)
-                for pair in combinations(truth, 2) for author in pair]
+        errors = {True: (9.0, 9.0, 3.0), False: (0.01, 0.01, 0.001)}
+        said = [replace(constraint(truth, *pair, rng.normal(0, errors[lies and one == liar])),
+                        author=one) for pair in combinations(truth, 2) for one in pair]
         count[0] = 0
         solution = solve(truth, said)
         work[lies] = count[0]

@@ -34,7 +34,7 @@ from somfusion_ros.team.sightings import Sighting, Sightings
 
 MAX_CELLS = 10 ** 6
 DEPARTED, DEPARTED_VIEWS = 'departed', 'departed views'
-DRAW_EVERY = 4.0     # [s] between two looks at whether the global map is to be drawn anew
+DRAW_EVERY = 2.0     # [s] between two looks at whether the global map is to be drawn anew
 WORK_EVERY = 1.0     # [s] between two pieces of work where nothing came; twice as long, up to
 REST = 8.0           # [s], as long as nothing changes
 NUMBER = re.compile(r'"number": \d+')    # of a state
@@ -46,7 +46,7 @@ class Station:
 
     def __init__(self, name: str, session: str, network: Network, matching: Matching,
                  clock: Clock, config: TeamConfig = TeamConfig()) -> None:
-        self.name, self.clock = name, clock
+        self.name, self.clock, self.config = name, clock, config
         self.words: list[str] = []
         self.counts: Counter[str] = Counter()
         self.drawn: Grid | None = None
@@ -68,7 +68,8 @@ class Station:
         self._cells: MapCells | None = None
         self._draw_due = self.due = 0.0     # due [s]: when there is work, unless something comes
         self._rest = WORK_EVERY
-        self._before: Any = None
+        self._before: Any = None    # what was shown when it was drawn last, and
+        self._stirred = False       # whether anything else was done since
         self._states: dict[str, str] = {}
 
     def follow(self, slam: Playing, now: float) -> None:
@@ -151,13 +152,14 @@ class Station:
         moved = self._tell_pose(now)
         self._hand_on(now)
         matched = self.session.attempt(self._steady())
+        self._stirred |= moved or matched is not None or len(self.words) > words
         if now >= self._draw_due:
             self._draw_due = now + DRAW_EVERY
             self.draw()
-        shown = snapshot.solution, dict(snapshot.placed), self.drawn
-        idle = shown == self._before and not moved and matched is None and (
-            len(self.words) == words)
-        self._rest, self._before = min(2.0 * self._rest, REST) if idle else WORK_EVERY, shown
+            shown = snapshot.solution, dict(snapshot.placed), self.drawn
+            idle = shown == self._before and not self._stirred
+            self._rest, self._before = min(2.0 * self._rest, REST) if idle else WORK_EVERY, shown
+            self._stirred = False
         self.due = now + self._rest
 
     def look(self, present: set[str]) -> None:
