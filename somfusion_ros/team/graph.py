@@ -20,7 +20,6 @@ from somfusion_ros.team.pose_graph import component, Estimate, leave_one_out, op
 from somfusion_ros.team.voices import one_voice_each
 
 DIGITS = 3            # of chi-square; constraints that differ by less are equally bad
-ROUGH = 1e-4          # [m, rad] of the last step are enough to see what contradicts
 NAMED = 8             # robots that a reason names
 CONTRADICTIONS = 3    # of one author that are left out one by one; then all that it says is
 
@@ -154,7 +153,7 @@ def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Ma
     graph = PoseGraph(len(members), _numbered(members, constraints),
                       np.array([c.T_target_source for c in constraints]).reshape(-1, 3),
                       _information(constraints))
-    constraints, estimate = list(constraints), optimise(graph, start, ROUGH)
+    constraints, estimate = list(constraints), optimise(graph, start)
     dropped: list[Dropped] = []
     doubted = Counter(doubts)
     while _contradicts(graph, estimate):
@@ -168,8 +167,8 @@ def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Ma
         graph = graph.without(worst)
         if sum(one.constraint.author == wrong.author != '' for one in dropped) > CONTRADICTIONS:
             return estimate, dropped   # all that this author says is going to be left out
-        estimate = optimise(graph, estimate.poses, ROUGH)
-    return optimise(graph, estimate.poses), dropped
+        estimate = optimise(graph, estimate.poses)
+    return estimate, dropped
 
 
 def _information(constraints: list[MapConstraint]) -> Array:

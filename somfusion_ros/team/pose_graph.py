@@ -102,17 +102,16 @@ def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
     return np.flatnonzero(labels == labels[start]).tolist()
 
 
-def optimise(graph: PoseGraph, start: Array | None = None,
-             tolerance: float = TUNING.step_tolerance) -> Estimate:
+def optimise(graph: PoseGraph, start: Array | None = None) -> Estimate:
     """
-    Solve by Gauss-Newton, until a step is below a tolerance [m, rad].
+    Solve by Gauss-Newton.
 
     From start (nodes, 3), or from the poses along a tree of the best-known constraints.
     """
     poses = _along_tree(graph) if start is None else start
     for _ in range(MAX_ITERATIONS):
         poses, step = _step(graph, poses)
-        if step < tolerance:
+        if step < TUNING.step_tolerance:
             break
     H, _, chi2 = _linearise(graph, poses)
     P = np.zeros((3 * graph.nodes, 3 * graph.nodes))
