@@ -137,7 +137,7 @@ def test_two_wrong_constraints_among_five_robots(rng: np.random.Generator) -> No
 
 def test_a_liar_in_a_team_of_64_costs_little_more_work(
         monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
-    """All pairs told by both robots, 4032: what is counted is how often the graph is linearised."""
+    """All pairs told by both robots: what is counted is how often the graph is linearised."""
     count = [0]
     linearise = pose_graph._linearise
 
