@@ -27,8 +27,8 @@ class BondSettings:
     resolution: float = tuned(0.05, 'm', 'of the maps whose walls are compared', 'by design')
     same: float = tuned(1.0, 'm', 'between where two bonds put the same views, of one place',
                         'mines, live')
-    worse: float = tuned(0.02, '', 'share by which walls may agree less than before',
-                         'shared teams')
+    worse: float = tuned(0.005, '', 'share by which walls may agree less than before; a map that '
+                         'is drawn anew differs by as much', 'parts of mines and wean')
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,8 +122,7 @@ class _Pair:
         return target, source
 
     def _agreement(self, poses: Mapping[str, Array]) -> float:
-        """Return the share of the walls that agree at some poses, from the views alone."""
-        views = {name: replace(one, between=()) for name, one in self._views.items()}
-        maps = (draw_joint(views, poses, self._settings.bond.resolution, (name,))
+        """Return the share of the walls that agree at some poses, as they would be drawn."""
+        maps = (draw_joint(self._views, poses, self._settings.bond.resolution, (name,))
                 for name in self._names)
         return wall_agreement(*maps)

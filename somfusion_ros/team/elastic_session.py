@@ -63,7 +63,7 @@ class ElasticSession:
         self._glide = Glide(say)
         self._solved_for: Any = None
         self._joined: Any = None
-        self._anchor = ''
+        self._anchor, self.solutions = '', 0
         self._solved_epochs: dict[str, Epoch] = {}
         self._solved: dict[str, Array] = {}
         self._hurried = False     # the whole is still to be solved for what is known
@@ -71,7 +71,6 @@ class ElasticSession:
         self._solved_views: dict[str, ViewSet] = {}
         self._last_heard: dict[str, bytes] = {}
         self._due = self._whole_due = 0.0
-        self.solutions = 0
 
     def take_views(self, robot: str, batch: bytes) -> None:
         """Add what a robot told of its path; ValueError where it is unusable."""
@@ -204,8 +203,7 @@ class ElasticSession:
         """
         found = {}
         for robot, poses in self._glide.shown.items():
-            own = self._solved_views[robot].poses
-            last = len(poses) - 1
+            own, last = self._solved_views[robot].poses, len(poses) - 1
             if robot == self._name and path is not None and len(path) > last:
                 own = path
             found[robot] = Pose.from_array(compose(poses[last], inverse(own[last])))
@@ -233,14 +231,17 @@ class ElasticSession:
     def draw(self) -> SharedMap | None:
         """Draw the views of all that are solved; None without a solution, the same while it is."""
         shown = self._glide.shown
-        if not shown:
-            return None
-        return self._drawing.draw(self._solved_views, shown)
+        return self._drawing.draw(self._solved_views, shown) if shown else None
 
     @property
     def solved(self) -> list[str]:
         """Robots whose views lie in the solution."""
         return sorted(self._glide.shown)
+
+    @property
+    def shown(self) -> dict[str, ViewSet]:
+        """Views that lie in the solution, by robot."""
+        return dict(self._solved_views) if self._glide.shown else {}
 
 
 def _known(matches: tuple[InterMatch, ...], views: Mapping[str, ViewSet]) -> bool:

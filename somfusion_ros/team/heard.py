@@ -13,6 +13,7 @@ from somfusion_ros.team.channels import MAP_CHANNELS
 
 POSES_KEPT = 200
 TRAIL_KEPT = 500      # points of a trail
+AGES_KEPT = 50         # of views
 SESSIONS_KEPT = 8
 
 
@@ -59,6 +60,7 @@ class Heard:
     """
     What was heard of one robot: times [s] of a steady clock, bytes by channel, recent poses.
 
+    view_ages [s]: how old its newest views were when the global map showed them first.
     ahead [s]: by how much at least its clock is ahead of the listener's, 0 where it is not.
     """
 
@@ -70,6 +72,7 @@ class Heard:
     trail: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRAIL_KEPT))
     taken_until: float = float('-inf')
     posed_at: float = float('-inf')
+    view_ages: deque[float] = field(default_factory=lambda: deque(maxlen=AGES_KEPT))
     ahead: float = 0.0
     _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     _number: int = -1

@@ -21,8 +21,9 @@ class ShownTuning:
     times: int = tuned(2, 'scans', 'in which a surface is shown often enough, so that no single '
                        'beam that passes wipes it out; 1 loses half a percent of the walls',
                        'mines, wean, CSAIL')
-    surface: int = tuned(6, 'cells', 'of surface that were not shown so often make a scan new; 10 '
-                         'cost a 20th less, and show a 200th less', 'mines, wean, CSAIL')
+    surface: int = tuned(4, 'cells', 'of surface that were not shown so often make a scan new; 10 '
+                         'cost a 20th less, and show a 200th less of the walls and a 30th less of '
+                         'single posts', 'mines, wean, CSAIL')
     area: float = tuned(0.1, 'm^2', 'that no scan knew make a scan new; 0.2 costs a sixth less, '
                         'and knows 3 % less of the mines', 'mines, wean, CSAIL')
 

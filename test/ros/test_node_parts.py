@@ -167,7 +167,7 @@ def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
     assert values['verdict'] == 'accepted'
     assert float(values['V']) > 80.0
     assert {'overlap', 'J', 'runner_up', 'reason', 'ms_per_attempt', 'map_age_s',
-            'bytes_received'} <= values.keys()
+            'bytes_received', 'bytes_of_views', 'view_age_s'} <= values.keys()
     work.reset()
     assert work.snapshot.world('robot1') == {'robot1': Pose()}
     assert work.draw() is not None   # the old global map does not stay

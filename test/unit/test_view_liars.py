@@ -52,9 +52,9 @@ def test_a_flood_of_facts_is_refused_before_it_is_read() -> None:
     """Of 75000 loops between two views most cost no more than a look at them."""
     batches = encode_batches(LIAR, 't', Facts((), flood().loops * 50, ()))
     store, start = ViewStore(), time.process_time()
+    store.take(batches[0])
     for batch in batches[1:]:
         with pytest.raises(ValueError, match='facts of one kind'):
-            store.take(batches[0])
             store.take(batch)
     assert time.process_time() - start < LONGEST
     assert store.bytes <= 88 * (FEW[LOOP] + EACH[LOOP])

@@ -19,8 +19,10 @@ class GlobalMap:
     """Draws in the thread that works; config holds the rates."""
 
     def __init__(self, session: FusionSession, publisher: FusionPublisher,
-                 config: FusionNodeConfig, count: Callable[..., None]) -> None:
+                 config: FusionNodeConfig, count: Callable[..., None],
+                 drawn: Callable[[], object] = lambda: None) -> None:
         self._session, self._publisher, self._count = session, publisher, count
+        self._drawn = drawn      # what is to be done once a map is out
         self.config = config
         self._grid: Grid | None = None
         self._draw_due = self._repeat_due = 0.0
@@ -38,6 +40,7 @@ class GlobalMap:
         if grid is not None:
             self._grid = grid
             self._publisher.global_map(grid)
+            self._drawn()
             took = time.monotonic() - start
             self._draw_due = start + max(1.0 / self.config.merging_rate, DRAWING_SHARE * took)
         elif start >= self._repeat_due:

@@ -41,6 +41,7 @@ from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.inbox import Inbox
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.sightings import Sightings
+from somfusion_ros.team.view_ages import ViewAges
 from somfusion_ros.team.view_inbox import ViewInbox
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -79,7 +80,8 @@ class FusionNode(ManagedNode):
         self._session = session
         self._publisher = FusionPublisher(part, self._frames, self._prefix,
                                           config.merged_map_topic)
-        self._global_map = GlobalMap(session, self._publisher, config, self._count)
+        self._ages = ViewAges(self._inbox.heard)
+        self._global_map = GlobalMap(session, self._publisher, config, self._count, self._age)
         self._transforms = WorldTransforms(part, self._frames, config)
         self._peer_topics = PeerTopics(part, self._frames, session, self._inbox.heard)
         self.serve(Trigger, names.MERGE, lambda _: self._merge())
@@ -172,6 +174,11 @@ class FusionNode(ManagedNode):
             session = self._session
             told = session.elastic.told_pose(poses[-1].pose, session.path)
             self._link.tell_pose(poses[-1]._replace(pose=told), self._config.map_frame)
+
+    def _age(self) -> None:
+        """Note how old the views are that the global map shows now."""
+        now = self.get_clock().now().nanoseconds * 1e-9
+        self._ages.note(self._session.elastic.shown, now)
 
     def _report(self) -> None:
         """Publish the status of the node and of each peer."""

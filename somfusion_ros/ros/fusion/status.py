@@ -3,11 +3,12 @@
 """What fusion_node tells /diagnostics: how the node is doing, and how each peer."""
 
 from collections.abc import Collection, Mapping
+from statistics import median
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from somfusion_ros.ros.common.diagnostics import status
-from somfusion_ros.team.channels import CLUSTERS, MAP_CHANNELS
+from somfusion_ros.team.channels import BONDS, CLUSTERS, MAP_CHANNELS, VIEWS
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.snapshot import Snapshot
 from somfusion_ros.team.world import anchor_of
@@ -44,6 +45,8 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
         'heard_s': now - heard.at, 'map_age_s': now - heard.map_at, 'maps': heard.maps,
         'bytes_received': sum(heard.received.values()),
         'bytes_of_maps': sum(heard.received[topic] for topic in MAP_CHANNELS),
+        'bytes_of_views': heard.received[VIEWS], 'bytes_of_bonds': heard.received[BONDS],
+        'view_age_s': median(heard.view_ages) if heard.view_ages else float('nan'),
         'connected': connected, 'settled': peer in snapshot.settled}
     verdict, warning = snapshot.verdicts.get(peer), ''
     if verdict is not None:
