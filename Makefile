@@ -59,9 +59,10 @@ figures: $(VENV)/.package
 
 # The weights of the verdict, learned anew, with the table of all cases and what they reach, from
 # folders of pairs of maps and of replayed teams: make calibrate DATA=... REPLAYS="out1 out2"
+# (two hours of one core; SHARE=0.01 for a look at a hundredth of the drawn cases)
 calibrate: $(VENV)/.package
 	$(BIN)/python -m benchmarks.fusion.calibration $(DATA) \
-	    $(if $(REPLAYS),--replays $(REPLAYS)) --write
+	    $(if $(REPLAYS),--replays $(REPLAYS)) $(if $(SHARE),--share $(SHARE)) --write
 
 lint: $(VENV)/.package
 	$(BIN)/python -m pytest test/unit/test_style.py test/unit/test_types.py \

@@ -8,6 +8,7 @@ from somfusion_ros.geometry import Array
 from somfusion_ros.grid import Grid
 
 Random = np.random.Generator
+DOOR = 1.3     # m, of free space that is a door, at most
 
 
 def emptied(grid: Grid, rng: Random, size: float, share: float = 1.0) -> Grid:
@@ -44,6 +45,30 @@ def partitioned(grid: Grid, rng: Random, count: int, longest: float) -> Grid:
         keep = np.abs(np.arange(low, high) - gap) * r > 0.5
         line[low:high][keep] = -1.0
     return Grid(evidence, r, grid.T_frame_grid)
+
+
+def closed_doors(grid: Grid, rng: Random, share: float) -> Grid:
+    """Close a share of the doors; what is cut off so from the largest part was never seen."""
+    r, small = grid.resolution, np.ones((3, 3), np.uint8)
+    width = cv2.distanceTransform(grid.free.astype(np.uint8), cv2.DIST_L2, 5)
+    inner = width * r > DOOR / 2.0
+    room = cv2.connectedComponents(inner.astype(np.uint8))[1]
+    away, spot = cv2.distanceTransformWithLabels((~inner).astype(np.uint8), cv2.DIST_L2, 5,
+                                                 labelType=cv2.DIST_LABEL_PIXEL)
+    rooms = np.zeros(spot.max() + 1)
+    rooms[spot[inner]] = room[inner]
+    near = np.where(grid.free & (away * r < DOOR), rooms[spot], 0.0).astype(np.float32)
+    most = cv2.dilate(near, small)
+    least = cv2.erode(np.where(near > 0.0, near, np.float32(1e6)), small)
+    door = grid.free & (least < most) & (most > 0.0)
+    pair = np.where(door, 31.0 * most + 17.0 * least, 0.0).astype(np.intp) % 1009
+    shut = door & (rng.random(1009)[pair] < share)     # all cells between two rooms alike
+    count, part = cv2.connectedComponents((grid.free & ~shut).astype(np.uint8), connectivity=4)
+    sizes = np.bincount(part[grid.free & ~shut], minlength=count)
+    kept = (part == sizes.argmax()).astype(np.uint8)
+    seen = cv2.dilate(kept, np.ones((5, 5), np.uint8)) > 0
+    return Grid(np.where(seen, np.where(shut, np.float32(-1.0), grid.evidence), np.float32(0.0)),
+                r, grid.T_frame_grid)
 
 
 def extended(grid: Grid, rng: Random, count: int) -> Grid:

@@ -165,7 +165,8 @@ def main() -> None:
         return
     samples = collect(RealMaps(args.data / 'pairs', args.replays), queue(args.share, args.kinds),
                       read_samples(TABLE) if args.resume else [], TABLE if args.write else None)
-    report(samples, digest(args.data), 'make calibrate', args.write)
+    share = '' if args.share == 1.0 else f' SHARE={args.share}'
+    report(samples, digest(args.data), f'make calibrate{share}', args.write)
 
 
 if __name__ == '__main__':

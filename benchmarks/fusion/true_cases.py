@@ -5,6 +5,7 @@
 from benchmarks.data import drawings, renovations, worlds
 from benchmarks.data.real_maps import RealMaps
 from benchmarks.fusion.cases import Case, kind, Random
+from benchmarks.scores.teams import known_overlap
 import numpy as np
 from somfusion_ros.geometry import apply, Array
 from somfusion_ros.grid import Grid
@@ -55,6 +56,19 @@ def bent(maps: RealMaps, rng: Random, number: int) -> Case:
     """Bend one of the maps by up to nine degrees."""
     place, target, source, truth, spot = maps.true_pair(number)
     return Case(place, target, *_bent(source, truth, spot, rng.uniform(1.0, 9.0), rng))
+
+
+@kind(300)
+def closed_doors(maps: RealMaps, rng: Random, number: int) -> Case | None:
+    """Close doors in one of the maps: what lies behind was not seen."""
+    place, *grids, truth, _ = maps.true_pair(number)
+    side = int(rng.integers(2))
+    grids[side] = renovations.closed_doors(grids[side], rng, rng.uniform(0.2, 1.0))
+    overlap, spot = known_overlap(*grids, truth)
+    if overlap < 0.15 or grids[side].free.sum() * grids[side].resolution ** 2 < 20.0:
+        return None
+    grids[side] = worlds.furnished(grids[side], rng, int(rng.integers(10)))
+    return Case(place, grids[0], worlds.worn(grids[1], rng), truth, np.array(spot))
 
 
 @kind(800)

@@ -19,10 +19,11 @@ from somfusion_ros.geometry import Array
 
 TERMS = [(test, name) for test, names in verdicts.TESTS.items() for name in names]
 MEASURES = list(dict.fromkeys(name for _, name in TERMS if name != 'constant'))
-SEVERE = 2.0     # a false accept counts as so many refusals
+SEVERE = 4.5     # a false accept counts as so many refusals,
+ALIKE = ('floors', 'storeys', 'real_storeys')     # of a storey of one building as one
 LEAST = {'ratio': 1.0}     # of a weight: half of all wall against is too much, whatever the rest
 SEEN = ('matched', 'against', 'fine', 'fine_against', 'overlap', 'weak', 'weak_against', 'V',
-        'solid', 'solid_against', 'common', 'strain', 'scale')
+        'solid', 'solid_against', 'common', 'strain', 'scale', 'passable', 'passable_other')
 MARGINS = ('margin', 'odds', 'weak_margin')
 SMALL = 0.03     # pull of the weights to zero
 TABLE = ROOT / 'benchmarks' / 'fusion' / 'verdict_cases.csv.gz'
@@ -71,7 +72,7 @@ def cares(samples: list[Sample]) -> Array:
     Else the real years, storeys and teams, of which there are few, would not be heard.
     """
     counts = Counter((sample.kind, sample.true) for sample in samples)
-    return np.array([(1.0 if sample.right else SEVERE) * len(samples)
+    return np.array([(1.0 if sample.right or sample.kind in ALIKE else SEVERE) * len(samples)
                      / (len(counts) * counts[sample.kind, sample.true]) for sample in samples])
 
 

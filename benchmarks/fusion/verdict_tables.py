@@ -17,7 +17,7 @@ BINS = 10
 # Kinds whose true and false pairs look alike: only together can a probability be right or wrong.
 FAMILIES = {
     'laser': ('true', 'different', 'team', 'furnished', 'worn', 'redrawn', 'drawn_otherwise',
-              'bent', 'parts', 'gap', 'wings', 'crossed', 'mirrored'),
+              'bent', 'parts', 'closed_doors', 'gap', 'wings', 'crossed', 'mirrored'),
     'mesh': ('mesh', 'mesh_like', 'mesh_false'),
     'years and storeys': ('floors', 'years', 'storeys', 'real_storeys'),
     'corridors': ('corridor', 'corridors', 'corridor_in_map'),

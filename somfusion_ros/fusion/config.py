@@ -15,7 +15,7 @@ class FusionConfig:
         'som', '', None, None,
         'som: many hypotheses and a calibrated verdict; paper: the literal IROS 2011 method.')
     estimation_confidence: float = parameter(
-        0.8, 'probability', 0.0, 1.0,
+        0.9, 'probability', 0.0, 1.0,
         'A relative pose is accepted at this probability of being right.')
     segment_radius: float = parameter(
         0.15, 'm', 0.01, 2.0,

@@ -66,7 +66,9 @@ class Evidence:
     evidence [m], which `axis` (2,) is, in the target's frame; V of (12) [0..1]; solid,
     solid_against: straight wall that coincides, and that the other map saw free from all sides,
     mean of both maps [m]; common: area that both saw free [m2]; strain: root mean square of the
-    displacements that a rigid pose leaves [m], and scale of the source to the target, less one.
+    displacements that a rigid pose leaves [m], and scale of the source to the target, less one;
+    passable, passable_other: share of the free area of either map, the lesser first, that is
+    common or reached from there though the walls of the other stand, too [0..1].
     """
 
     matched: float
@@ -83,6 +85,8 @@ class Evidence:
     common: float = 0.0
     strain: float = 0.0
     scale: float = 0.0
+    passable: float = 1.0
+    passable_other: float = 1.0
 
     @property
     def ratio(self) -> float:

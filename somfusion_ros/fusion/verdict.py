@@ -6,11 +6,12 @@ The verdict: a calibrated probability, accepted, refused or ambiguous, and a rea
 A hypothesis must pass three tests, and is as probable as its worst one lets it be. Agreement: the
 walls that should coincide do, once the maps may bend, and hardly any straight wall stands where
 the other map saw free space all around; furniture that moved is no contradiction. Distinction: it
-is better than every rival, in how little wall speaks against it, along the direction with the
-least evidence, and in all. Places: distinct places agree along that direction, which two parallel
-walls do not have, in an overlap that is large and no thin strip, where walls coincide by chance.
-Each test is linear in measures that can only speak for a hypothesis when they grow. The weights
-were learned from true and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
+is better than every rival, in how little wall speaks against it, and along the direction with the
+least evidence. Places: distinct places agree along that direction, which two parallel walls do not
+have, in an overlap that is large and no thin strip, where walls coincide by chance, and from which
+the rest of the maps can be reached: not one room that happens to fit. Each test is linear in
+measures that can only speak for a hypothesis when they grow. The weights were learned from true
+and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
 """
 
 from dataclasses import dataclass, replace
@@ -27,8 +28,8 @@ from somfusion_ros.settings import tuned
 WEIGHTS_FILE = 'verdict_weights.json'
 TESTS: dict[str, tuple[str, ...]] = {
     'agreement': ('solid_density', 'ratio', 'constant'),
-    'distinction': ('odds', 'weak_margin', 'lead', 'constant'),
-    'places': ('weak_ratio', 'overlap', 'common', 'constant'),
+    'distinction': ('odds', 'weak_lead', 'constant'),
+    'places': ('weak_ratio', 'overlap', 'common', 'passable', 'constant'),
 }
 
 
@@ -39,12 +40,18 @@ class VerdictSettings:
     strip: float = tuned(
         0.1, 'share', 'of the smaller map from which an overlap is no thin strip',
         'benchmarks/fusion/calibration.py')
+    power: float = tuned(
+        0.25, '', 'of the wall that coincides, with which the odds against the best rival count: '
+        'over much wall less of a difference tells two poses apart; of 0.15, 0.25 and 0.35 it '
+        'accepts most true pairs', 'benchmarks/fusion/calibration.py')
     ahead: float = tuned(
-        6.0, 'root m', 'by which its score is above that of the best rival, or more, are enough: '
-        'in a large overlap less of a margin tells two poses apart',
-        'benchmarks/fusion/calibration.py')
+        3.0, 'root m', 'by which it is better along the direction with the least evidence than '
+        'any rival, or more, are enough', 'benchmarks/fusion/calibration.py')
+    cut: float = tuned(
+        0.1, 'share', 'of a map that is not reached: below, differences are of drift and of holes '
+        'in walls', 'benchmarks/fusion/calibration.py')
     little: float = tuned(
-        3.0, 'm2', 'that both saw free, or less, are as good as nothing: half a room', 'by design')
+        3.0, 'm2, m', 'that both saw free, or of wall, are as good as nothing', 'by design')
     sure: float = tuned(
         0.9, 'probability', 'from which a verdict over all measured rivals is clear, and',
         'benchmarks/fusion/stages.py')
@@ -179,13 +186,14 @@ def measures(item: Evidence, margins: Margins) -> dict[str, float]:
         'solid_density': -np.log(
             max(item.solid_against - VERDICT.loose_wall, 0.0) / (item.common + 10.0) + 0.01),
         'ratio': _logit(item.ratio),
-        'odds': np.log(np.clip(margins.odds, 0.1, 20.0)),
-        'weak_margin': np.log(np.clip(margins.weak_margin, 0.3, 4.0)),
-        'lead': np.clip(item.score * (1.0 - 1.0 / max(margins.margin, 0.1)), 0.0,
-                        VERDICT.ahead),
+        'odds': np.clip(np.log(np.clip(margins.odds, 0.1, 20.0))
+                        * (item.fine + VERDICT.little) ** VERDICT.power, -6.0, 8.0),
+        'weak_lead': np.clip(item.weak_score * (1.0 - 1.0 / max(margins.weak_margin, 0.3)),
+                             -1.0, VERDICT.ahead),
         'weak_ratio': _logit(item.weak_ratio),
         'overlap': np.log(np.clip(item.overlap / VERDICT.strip, 0.05, 1.0)),
-        'common': np.log(item.common + VERDICT.little), 'constant': 1.0}
+        'common': np.log(item.common + VERDICT.little),
+        'passable': -np.log(1.0 + VERDICT.cut - item.passable), 'constant': 1.0}
 
 
 def judge_by_V(evidence: Evidence, threshold: float) -> Verdict:
@@ -233,7 +241,7 @@ def _reason(word: str, item: Evidence, poses: Array, best: int, rival: int | Non
     text = (f'{word}: walls agree {100 * item.ratio:.0f} % over {item.matched:.0f} m, '
             f'{100 * item.weak_ratio:.0f} % over {item.weak:.1f} m in the weakest direction, '
             f'overlap {100 * item.overlap:.0f} %, {item.solid_against:.1f} m of straight wall '
-            'in the open')
+            f'in the open, {100 * item.passable:.0f} % reached from there')
     if rival is None:
         return text + '; no rival'
     step = poses[rival] - poses[best]

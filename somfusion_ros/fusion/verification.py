@@ -11,6 +11,7 @@ from somfusion_ros.fusion import verdict as verdicts
 from somfusion_ros.fusion.clusters import Index
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.passages import passable
 from somfusion_ros.fusion.rivals import rivals, slides
 from somfusion_ros.fusion.search import settle_last
 from somfusion_ros.fusion.warp import Warp
@@ -54,7 +55,7 @@ class Verified:
     poses: Array
     J: Array
     evidence: measures.Evidence
-    warp: Warp
+    warp: Warp | None
 
 
 class _Hypotheses:
@@ -65,7 +66,7 @@ class _Hypotheses:
         self.target, self.source, self.config = target, source, config
         self.poses, self.J = np.empty((0, 3)), np.empty((len(J), 0))
         self.evidence: list[measures.Evidence] = []
-        self.warps: dict[int, Warp] = {}
+        self.bent: dict[int, measures.Overlay] = {}
         self.add(poses, J)
 
     def add(self, poses: Array, J: Array) -> None:
@@ -85,12 +86,12 @@ class _Hypotheses:
             found = deformation.bend(start, self.target, self.source)
             item, = measures.measure(start[None], self.target, self.source, found.warp)
             item = replace(item, strain=found.strain, scale=found.scale)
-            self.evidence[number] = item
-            self.warps[number], self.poses[number] = found.warp, found.pose
+            self.evidence[number], self.poses[number] = item, found.pose
+            self.bent[number] = measures.Overlay(start[None], found.warp)
 
     def best(self) -> int:
         """Return the best pose, of those that were bent if any was."""
-        return max(self.warps or range(len(self.poses)), key=lambda k: self.evidence[k].score)
+        return max(self.bent or range(len(self.poses)), key=lambda k: self.evidence[k].score)
 
     def promising(self) -> Index:
         """List the poses that may be best once the maps bend, and those that are while rigid."""
@@ -108,11 +109,19 @@ class _Hypotheses:
         return verdicts.judge(self.poses, self.evidence, best, others,
                               self.config.estimation_confidence)
 
+    def look_at_passages(self) -> None:
+        """Find out how far the maps hang together in the best pose."""
+        best = self.best()
+        lay = self.bent[best]
+        less, more = sorted([passable(self.source, self.target, lay.forth),
+                             passable(self.target, self.source, lay.back)])
+        self.evidence[best] = replace(self.evidence[best], passable=less, passable_other=more)
+
     def verified(self) -> Verified:
         """Judge, and put the answer together."""
         verdict = self.judge()
         return Verified(verdict=verdict, poses=self.poses, J=self.J,
-                        evidence=self.evidence[verdict.best], warp=self.warps[verdict.best])
+                        evidence=self.evidence[verdict.best], warp=self.bent[verdict.best].warp)
 
 
 def verify(poses: Array, J: Array, target: LearnedMap, source: LearnedMap,
@@ -129,6 +138,7 @@ def verify(poses: Array, J: Array, target: LearnedMap, source: LearnedMap,
     first = found.judge()
     if first.is_clear:
         found.bend([first.best])
+        found.look_at_passages()
         return found.verified()
     found.bend(found.promising())
     best = found.best()
@@ -138,4 +148,5 @@ def verify(poses: Array, J: Array, target: LearnedMap, source: LearnedMap,
     found.add(*settle_last(beside, target, source, sketch=True))
     others = rivals(found.poses, found.evidence, best, source.pivot)
     found.bend(others[others >= len(poses)][:VERIFICATION.bent_slides])
+    found.look_at_passages()
     return found.verified()

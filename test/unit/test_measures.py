@@ -122,7 +122,7 @@ def test_distinct_keeps_the_best_of_each_place() -> None:
     assert kept.tolist() == [[0.1, 0, 0], [5, 0, 1.0], [5, 0, 0]]
 
 
-FOR = ('matched', 'fine', 'weak', 'overlap', 'common')
+FOR = ('matched', 'fine', 'weak', 'overlap', 'common', 'passable')
 AGAINST = ('against', 'fine_against', 'weak_against', 'solid_against')
 
 
@@ -133,11 +133,13 @@ def test_more_evidence_never_lowers_the_probability(
         margins: Margins, against: float, weak: float, changed: str) -> None:
     """The probability rises, or stays, with what speaks for a hypothesis, and falls with doubt."""
     item = replace(GOOD, against=against, fine_against=against, weak=weak,
-                   solid_against=against / 3.0)
+                   solid_against=against / 3.0, passable=0.5)
     before = probability(item, margins)
     if hasattr(margins, changed):
         margins = replace(margins, **{changed: 1.2 * getattr(margins, changed)})
-    else:
+    else:     # of a better rival with more wall there would be more, too
+        margins = Margins(*np.maximum(1.0, [margins.margin, margins.odds, margins.weak_margin]))
+        before = probability(item, margins)
         factor = 1.2 if changed in FOR else 0.8
         item = replace(item, **{changed: factor * getattr(item, changed)})
     assert 0.0 <= before <= probability(item, margins) <= 1.0
