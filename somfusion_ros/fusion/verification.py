@@ -55,7 +55,7 @@ class Verified:
     poses: Array
     J: Array
     evidence: measures.Evidence
-    warp: Warp | None
+    warp: Warp
 
 
 class _Hypotheses:
@@ -66,7 +66,8 @@ class _Hypotheses:
         self.target, self.source, self.config = target, source, config
         self.poses, self.J = np.empty((0, 3)), np.empty((len(J), 0))
         self.evidence: list[measures.Evidence] = []
-        self.bent: dict[int, measures.Overlay] = {}
+        self.warps: dict[int, Warp] = {}
+        self.starts: dict[int, Array] = {}     # that the warps belong to
         self.add(poses, J)
 
     def add(self, poses: Array, J: Array) -> None:
@@ -87,11 +88,11 @@ class _Hypotheses:
             item, = measures.measure(start[None], self.target, self.source, found.warp)
             item = replace(item, strain=found.strain, scale=found.scale)
             self.evidence[number], self.poses[number] = item, found.pose
-            self.bent[number] = measures.Overlay(start[None], found.warp)
+            self.warps[number], self.starts[number] = found.warp, start
 
     def best(self) -> int:
         """Return the best pose, of those that were bent if any was."""
-        return max(self.bent or range(len(self.poses)), key=lambda k: self.evidence[k].score)
+        return max(self.warps or range(len(self.poses)), key=lambda k: self.evidence[k].score)
 
     def promising(self) -> Index:
         """List the poses that may be best once the maps bend, and those that are while rigid."""
@@ -112,7 +113,7 @@ class _Hypotheses:
     def look_at_passages(self) -> None:
         """Find out how far the maps hang together in the best pose."""
         best = self.best()
-        lay = self.bent[best]
+        lay = measures.Overlay(self.starts[best][None], self.warps[best])
         less, more = sorted([passable(self.source, self.target, lay.forth),
                              passable(self.target, self.source, lay.back)])
         self.evidence[best] = replace(self.evidence[best], passable=less, passable_other=more)
@@ -121,7 +122,7 @@ class _Hypotheses:
         """Judge, and put the answer together."""
         verdict = self.judge()
         return Verified(verdict=verdict, poses=self.poses, J=self.J,
-                        evidence=self.evidence[verdict.best], warp=self.bent[verdict.best].warp)
+                        evidence=self.evidence[verdict.best], warp=self.warps[verdict.best])
 
 
 def verify(poses: Array, J: Array, target: LearnedMap, source: LearnedMap,
