@@ -29,6 +29,8 @@ HALF = 0.5           # of evidence; cells that differ by less say the same
 SHOWN = {('garbage', STATE): 'state_of_{}_unusable', ('walls', MAP): 'map_of_{}_unusable',
          ('views', VIEWS): 'views_of_{}_unusable',
          ('poses', POSE): 'pose_of_{}_unusable'}
+MOST_WORK = 8        # matches, solutions and drawings of a station in one step,
+LARGEST = 5 * 256    # and constraints of a graph that it solves
 # What a station may hold at most of a team of three and two liars.
 MOST = {'bytes of views': 2 * 10 ** 6, 'robots': 80, 'dropped': 5 * 256, 'departed': 64,
         'counted': 64, 'cells': 5 * 10 ** 6}
@@ -133,6 +135,13 @@ class Invariants:
             if held[what] > most:
                 self._broken(f'{robot.name} holds {held[what]} {what}')
             self._outcome.counts[what] = max(self._outcome.counts[what], held[what])
+
+    def worked(self, robot: Robot, pieces: int, constraints: int) -> None:
+        """Check that a step has a bounded number of pieces of heavy work, and none is too large."""
+        self._outcome.counts['work'] = max(self._outcome.counts['work'], pieces)
+        if pieces > MOST_WORK or constraints > LARGEST:
+            self._broken(f'{robot.name} did {pieces} pieces of work at once, and solved '
+                         f'{constraints} constraints')
 
     def lied(self, station: Station, kind: str, one: Delivery) -> None:
         """Note what a station must count, now that a liar told it something."""

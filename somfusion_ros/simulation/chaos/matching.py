@@ -51,6 +51,7 @@ class Matching(Matchers):
         self._drawn = Memory(DRAWINGS)
         self._digests: WeakKeyDictionary[ViewSet, bytes] = WeakKeyDictionary()
         self._grids: WeakKeyDictionary[Grid, bytes] = WeakKeyDictionary()
+        self.constraints = 0    # of the graph that was solved last
         self.draws = True    # views; else what is drawn of the same ones is only the same
 
     def align(self, target: Grid, source: Grid, config: FusionConfig,
@@ -114,11 +115,16 @@ class Matching(Matchers):
 
     def solve(self, robots: Iterable[str], constraints: Sequence[MapConstraint]) -> Solution:
         """Place every robot's map in the world of its connected group."""
-        names = sorted(robots)
+        names, self.constraints = sorted(robots), len(constraints)
         key = tuple(names), tuple((*c.robots, c.author, c.T_target_source, c.covariance.tobytes(),
                                    c.probability, c.kind, c.epochs) for c in constraints)
         found: Solution = self._solved.of(key, lambda: solve(names, constraints))
         return found
+
+    @property
+    def asked(self) -> int:
+        """Pieces of heavy work that were asked for: matches, solutions, drawings."""
+        return self.memory.asked + self._solved.asked + self._drawn.asked
 
     def read_state(self, text: str) -> TeamState:
         """Read what a robot said, once for all that hear it."""
