@@ -13,6 +13,7 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, ToldBond
 from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.fact import LOOP
 from somfusion_ros.team.graph import solve
 from somfusion_ros.team.heard import Heard, TimedPose, TUNING
@@ -46,6 +47,16 @@ def test_absurd_views_are_refused_and_what_came_before_stays(rng: np.random.Gene
     assert one.bytes_of('robot1') == before
     one.update({**world, 'aliar': Pose()}, {**EPOCHS, 'aliar': LIAR}, 'robot1')
     assert one.solved == ['robot1', 'robot2']
+
+
+def test_views_of_64_robots_are_kept_and_no_more() -> None:
+    session = ElasticSession('robot1', lambda: 0.0)
+    batch = encode_batches(LIAR, 't', Facts((), flood().loops[:1], ()))[0]
+    for number in range(64):
+        session.take_views(f'robot{number}', batch)
+    with pytest.raises(ValueError, match='more than 64'):
+        session.take_views('one_more', batch)
+    session.take_views('robot63', batch)
 
 
 def test_a_flood_of_facts_is_refused_before_it_is_read() -> None:

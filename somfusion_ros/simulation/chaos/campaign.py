@@ -142,8 +142,8 @@ class Team:
                 if robot.station is not None and not robot.off:
                     before = self._matching.asked
                     robot.station.work(now)
-                    self._invariants.worked(robot, self._matching.asked - before,
-                                             self._matching.constraints)
+                    pieces = self._matching.asked - before
+                    self._invariants.worked(robot, pieces, self._matching.constraints)
                     self._invariants.accepted(robot, now)
         except Exception as error:  # noqa: B902 (whatever is raised is a find)
             self.outcome.broken.append(f'{now:.1f} s: raised {error!r}')

@@ -137,7 +137,7 @@ class Invariants:
             self._outcome.counts[what] = max(self._outcome.counts[what], held[what])
 
     def worked(self, robot: Robot, pieces: int, constraints: int) -> None:
-        """Check that a step has a bounded number of pieces of heavy work, and none is too large."""
+        """Check that a step has few pieces of heavy work, and none is too large."""
         self._outcome.counts['work'] = max(self._outcome.counts['work'], pieces)
         if pieces > MOST_WORK or constraints > LARGEST:
             self._broken(f'{robot.name} did {pieces} pieces of work at once, and solved '
