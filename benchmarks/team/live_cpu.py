@@ -3,13 +3,15 @@
 """
 Measure what a robot costs: CPU and memory of every node of a live team at real rates.
 
-usage: python -m benchmarks.team.live_cpu [ROBOTS] [SECONDS] [clock]     (default: 4 60)
+usage: python -m benchmarks.team.live_cpu [ROBOTS] [SECONDS] [RATE] [clock]
+       (default: 4 robots, 60 s, at 1 times real time)
 
 Simulated robots (10 scans/s of 683 beams, odometry 25/s) are played in real time into the nodes
 that team.launch.py starts, over Fast DDS on this machine. CPU is what the kernel counted for one,
 after a while for start-up, in cores; memory is its resident set at the end. With `clock` all nodes
 follow the bags' time, which costs each of them some CPU more: then it is also known how old a
-peer's views are when the global map shows them first, from the stamp of the scan on.
+peer's views are when the global map shows them first, from the stamp of the scan on. Where the
+machine does not keep up a rate below 1 does; rates and CPU are then per second of the bags.
 """
 
 from collections.abc import Iterator
@@ -77,7 +79,7 @@ def heard(folder: Path, robots: list[str]) -> Array:
                      np.median(known) if known else np.nan])
 
 
-def start(processes: Processes, folder: Path, robots: list[str], clock: bool
+def start(processes: Processes, folder: Path, robots: list[str], clock: bool, rate: float
           ) -> dict[str, list[int]]:
     """Start the nodes of all robots and one player; return process ids by node."""
     pids: dict[str, list[int]] = {node: [] for node in NODES}
@@ -88,12 +90,13 @@ def start(processes: Processes, folder: Path, robots: list[str], clock: bool
                 '/tf_static:=tf_static', '-p', f'use_sim_time:={clock}'.lower()]))
     processes.start('recorder', 'somfusion_ros.ros.apps.recorder', [str(folder / 'live'), *robots])
     processes.start('player', 'somfusion_ros.ros.apps.player', [
-        *(str(folder / robot / 'bag') for robot in robots), '--wait', '60',
+        *(str(folder / robot / 'bag') for robot in robots), '--wait', '60', '--rate', str(rate),
         *(['--clock'] if clock else []), '--robots', *robots])
     return pids
 
 
-def measure(folder: Path, robots: list[str], seconds: float, clock: bool) -> Iterator[Array]:
+def measure(folder: Path, robots: list[str], seconds: float, clock: bool, rate: float
+            ) -> Iterator[Array]:
     """
     Yield what was measured, mean over the robots.
 
@@ -102,13 +105,13 @@ def measure(folder: Path, robots: list[str], seconds: float, clock: bool) -> Ite
     the median age [s] of its views when the global map shows them, and the machine's load.
     """
     with Processes(folder / 'logs', node_environment()) as processes:
-        pids = start(processes, folder, robots, clock)
+        pids = start(processes, folder, robots, clock, rate)
         time.sleep(SETTLED)
         before, began = {pid: cpu(pid) for node in NODES for pid in pids[node]}, time.monotonic()
         scans, known = followed(folder / 'live', robots), heard(folder / 'live', robots)
         while time.monotonic() - began < seconds and 'player' not in processes.ended():
             time.sleep(0.5)
-        took = time.monotonic() - began
+        took = rate * (time.monotonic() - began)
         yield np.array([(followed(folder / 'live', robots) - scans) / took])
         yield np.array([np.mean([cpu(pid) - before[pid] for pid in pids[node]]) / took
                         for node in NODES])
@@ -118,19 +121,20 @@ def measure(folder: Path, robots: list[str], seconds: float, clock: bool) -> Ite
                         os.getloadavg()[0]])
 
 
-def live_cpu_table(count: int = 4, seconds: float = 60.0, clock: bool = False) -> Table:
+def live_cpu_table(count: int = 4, seconds: float = 60.0, rate: float = 1.0,
+                   clock: bool = False) -> Table:
     """Measure a team of simulated robots."""
     table = Table('live-cpu', COLUMNS, (None, 0, 0, 1, 2, 2, 0, 0, 1, 1, 1, 1))
     with TemporaryDirectory() as name:
         folder = Path(name)
-        simulate(folder, SimulationOptions(robots=count, seed=1, duration=seconds + 30.0))
+        simulate(folder, SimulationOptions(robots=count, seed=1, duration=rate * seconds + 30.0))
         robots = [f'robot{number}' for number in range(1, count + 1)]
-        figures = np.concatenate(list(measure(folder, robots, seconds, clock)))
+        figures = np.concatenate(list(measure(folder, robots, seconds, clock, rate)))
         table.add(count, *rates(folder / 'robot1' / 'bag'), *map(float, figures))
     return table
 
 
 if __name__ == '__main__':
     words = [word for word in sys.argv[1:] if word != 'clock']
-    given = int(words[0]) if words else 4, float(words[1]) if len(words) > 1 else 60.0
-    print(live_cpu_table(*given, 'clock' in sys.argv).markdown())
+    given = [float(word) for word in words] + [4.0, 60.0, 1.0][len(words):]
+    print(live_cpu_table(int(given[0]), *given[1:], clock='clock' in sys.argv).markdown())

@@ -179,13 +179,12 @@ class ElasticSession:
         if self._solved_for is None or ((new or self._hurried) and start >= self._whole_due):
             poses = whole()
             self._hurried = False
-            self._whole_due = start + self._pause(start)
+            self._whole_due, self._due = start + self._pause(start), start + TUNING.soonest
         elif new and joined == self._joined and start >= self._due:
             poses = go_on()
-            self._hurried = True
+            self._hurried, self._due = True, start + self._pause(start)
         else:
             return False
-        self._due = start + self._pause(start)
         self._solved = {name: np.round(one, TUNING.digits) for name, one in poses.items()}
         self._solved_for, self._joined = key, joined
         self.solutions += 1
