@@ -27,7 +27,7 @@ Ways = Callable[[np.random.Generator], Iterator[Array]]
 @dataclass(frozen=True, eq=False)
 class World:
     """
-    Where a robot drives: segments (S, 4) [m], and how fast [m/s].
+    Where a robot drives: segments (S, 4) [m], how fast [m/s], and the edge [m] of its map's cells.
 
     ways(rng) yields way points (2,) [m] without end; the robot starts at the first.
     """
@@ -35,6 +35,7 @@ class World:
     segments: Array
     speed: float
     ways: Ways
+    resolution: float = 0.05
     _near: dict[tuple[int, int], Scene] = field(default_factory=dict)
 
     def around(self, pose: Array) -> Scene:
@@ -75,7 +76,7 @@ def town() -> World:
     rng = np.random.default_rng(500)
     parts = [_block(BLOCK * np.array([i, j]), rng)
              for i in range(-1, STREETS) for j in range(-1, STREETS)]
-    return World(np.concatenate(parts), 1.0, _streets)
+    return World(np.concatenate(parts), 1.0, _streets, 0.1)
 
 
 def _block(corner: Array, rng: np.random.Generator) -> Array:

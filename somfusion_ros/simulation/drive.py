@@ -85,6 +85,10 @@ def encoders(poses: Array, wheels: Wheels, rng: np.random.Generator,
 
 def at(stamps: Array, poses: Array, when: Array) -> Array:
     """Return the poses (N, 3) between poses (T, 3) at times (N,), linear."""
+    if len(when):      # look at a part of a drive that may last for hours
+        first, last = np.searchsorted(stamps, (when.min(), when.max()))
+        near = slice(max(int(first) - 1, 0), int(last) + 1)
+        stamps, poses = stamps[near], poses[near]
     heading = np.unwrap(poses[:, 2])
     return np.column_stack([np.interp(when, stamps, poses[:, 0]),
                             np.interp(when, stamps, poses[:, 1]),

@@ -22,9 +22,9 @@ class MapScanTuning:
         0.5, 'm', 'edge of the square within which scans are taken from one place',
         'benchmarks/life.py')
     sectors: int = tuned(
-        8, 'sectors', 'of the heading, within which scans look the same way', 'by design')
+        6, 'sectors', 'of the heading, within which scans look the same way', 'by design')
     kept: int = tuned(
-        12, 'scans', 'kept of one place, the newest; fewer blur a wall less but draw it thinner, '
+        8, 'scans', 'kept of one place, the newest; fewer blur a wall less but draw it thinner, '
         'more cost memory and time of drawing', 'benchmarks/life.py')
 
 
