@@ -12,7 +12,8 @@ round corridor with equal niches, one every metre or so; and a loop of 100 m of 
 equal alcoves. The laser is short-sighted and the wheels slip so much that the next niche often
 lies within the filter's gate: that is counted, too.
 Prints how many loops between different places were found, tempted (lay within the chi-square
-gate) and were believed, and how many right ones were not believed. Asserts nothing.
+gate) and were believed, how many right ones were not believed, and how many robots were lost at
+the end. Asserts nothing.
 """
 
 from collections import Counter
@@ -194,14 +195,16 @@ def look_alikes_table(runs: int, first: int = 0) -> Table:
         kind, found, outcome = look_alike_trial(number)
         for name in (kind, 'all'):
             counts[name].update(found)
+            counts[name]['lost'] += bool(outcome.slam.lost)
             worst[name].append(float(outcome.distance.max()))
     table = Table('look-alikes', (
         'world', 'runs', 'false loops found', 'tempting', 'believed', 'true loops found',
-        'not believed', 'largest error, median [m]', '95 % [m]'), (*[None] * 7, 2, 2))
+        'not believed', 'lost at the end', 'largest error, median [m]', '95 % [m]'),
+        (*[None] * 8, 2, 2))
     return table.extend(
         (name, len(worst[name]), c['found false'], c['tempted false'], c['believed false'],
-         c['found true'], c['found true'] - c['believed true'], float(np.median(worst[name])),
-         float(np.percentile(worst[name], 95))) for name, c in counts.items() if worst[name])
+         c['found true'], c['found true'] - c['believed true'], c['lost'],
+         float(np.median(worst[name])), float(np.percentile(worst[name], 95))) for name, c in counts.items() if worst[name])
 
 
 def main() -> None:

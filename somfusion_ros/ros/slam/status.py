@@ -93,5 +93,8 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
     warning = 'paused: new scans are left out' if last.paused else silent
     if slam.lost and not warning:
         warning = f'lost: {slam.lost}'
+    if (scans_left_out := slam.counters['map_scans_too_far']) and not warning:
+        warning = (f'the map is as large as it may be: {scans_left_out} scans are not drawn; a '
+                   'coarser resolution reaches farther')
     error = f'the state was not saved: {last.not_saved}' if last.not_saved else ''
     return status(node, namespace, values, warning, error)
