@@ -138,8 +138,8 @@ def row(life: Life, told: Told) -> str:
     life.slam.grid()
     drawn = time.process_time() - t0
     state = life.slam.checkpoint()
-    path = 1e3 * np.array(told.path)
-    return (f'{life.clock / 3600.0:6.2f} {life.metres / 1e3:6.2f} {len(state.poses):6} '
+    path, showing = 1e3 * np.array(told.path), sum(len(cloud) > 0 for cloud in state.clouds)
+    return (f'{life.clock / 3600.0:6.2f} {life.metres / 1e3:6.2f} {showing:6} '
             f'{len(state.scans):6} {memory():6.0f} {path.mean():8.2f} {path.max():8.0f} '
             f'{1e3 * np.mean(told.beside):10.2f} {1e3 * drawn:10.0f} '
             f'{np.median(told.error):7.3f} {max(told.error):8.3f} {np.mean(told.nees):6.2f}')

@@ -102,7 +102,7 @@ def main() -> None:
         right, found, cleared = week.right()
         print(f'{day:4} {right:12.3f} {found:16.3f} {cleared:16.3f} '
               f'{np.median(told.error):7.3f} {max(told.error):8.3f} '
-              f'{len(week.slam.views()[0]):6}', flush=True)
+              f'{sum(len(cloud) > 0 for cloud in week.slam.checkpoint().clouds):6}', flush=True)
         week.night()
 
 

@@ -204,7 +204,8 @@ def look_alikes_table(runs: int, first: int = 0) -> Table:
     return table.extend(
         (name, len(worst[name]), c['found false'], c['tempted false'], c['believed false'],
          c['found true'], c['found true'] - c['believed true'], c['lost'],
-         float(np.median(worst[name])), float(np.percentile(worst[name], 95))) for name, c in counts.items() if worst[name])
+         float(np.median(worst[name])), float(np.percentile(worst[name], 95)))
+        for name, c in counts.items() if worst[name])
 
 
 def main() -> None:

@@ -3,10 +3,11 @@
 """What a later run goes on from, and the graph that it is a copy of."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
@@ -18,6 +19,9 @@ from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import TrackerState
 from somfusion_ros.slam.trail import Trail
 
+NOTHING = Cloud(np.zeros((0, 2)), np.zeros((0, 2)))   # what a hidden view shows
+FAR = np.full(2, 1e9)   # [m] centre of a hidden view, so that no loop is sought with it
+
 
 @dataclass
 class ViewGraph:
@@ -26,7 +30,8 @@ class ViewGraph:
 
     The filter over n views, with the views' clouds, the centres (2,) of these, and their stamps
     [s]; the constraints in the order in which the filter took them; the scans kept for the map;
-    the trail; the views whose loops are still to be closed; which map it is.
+    the trail; the views whose loops are still to be closed; which map it is; the views that show
+    nothing any more.
     """
 
     ekf: DelayedStateEkf = field(default_factory=DelayedStateEkf)
@@ -38,6 +43,19 @@ class ViewGraph:
     trail: Trail = field(default_factory=Trail)
     to_close: deque[int] = field(default_factory=deque)
     epoch: Epoch = Epoch()
+    hidden: set[int] = field(default_factory=set)
+
+    def hide(self, views: Iterable[int]) -> None:
+        """Let views show nothing any more; they keep their place among the others."""
+        for view in views:
+            self.clouds[view], self.centres[view] = NOTHING, FAR
+            self.hidden.add(view)
+
+    def showing(self) -> NDArray[np.bool_]:
+        """Return which views (n,) show what they saw."""
+        showing = np.ones(self.ekf.n, bool)
+        showing[list(self.hidden)] = False
+        return showing
 
     def join(self, piece: 'ViewGraph', link: Constraint) -> None:
         """Append the views of another graph, of which the first hangs on a constraint."""
@@ -54,6 +72,7 @@ class ViewGraph:
         self.clouds += piece.clouds
         self.centres += piece.centres
         self.stamps += piece.stamps
+        self.hidden |= {view + first for view in piece.hidden}
         scans = [replace(scan, view=scan.view + first) for scan in piece.scans]
         self.scans.extend(scans, place(scans, self.ekf.poses))
         for stamp, view, pose in zip(piece.trail.stamps, piece.trail.views, piece.trail.poses,
@@ -101,6 +120,8 @@ class Checkpoint:
         """Return a graph to go on with: every constraint is fused again, in order."""
         ekf, scans = DelayedStateEkf.of(self.poses, self.constraints), MapScans()
         scans.extend(self.scans, place(self.scans, self.poses))
-        return ViewGraph(ekf, list(self.clouds), [centre(cloud) for cloud in self.clouds],
-                         self.stamps.tolist(), list(self.constraints), scans, Trail(self.trail),
-                         deque(self.to_close), self.epoch)
+        graph = ViewGraph(ekf, list(self.clouds), [centre(cloud) for cloud in self.clouds],
+                          self.stamps.tolist(), list(self.constraints), scans, Trail(self.trail),
+                          deque(self.to_close), self.epoch)
+        graph.hide(k for k, cloud in enumerate(self.clouds) if not len(cloud))
+        return graph

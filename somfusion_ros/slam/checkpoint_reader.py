@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
-from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.checkpoint import Checkpoint, NOTHING
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
@@ -15,7 +15,6 @@ from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import SHAPES, TrackerState
 
-NOTHING = Cloud(np.zeros((0, 2)), np.zeros((0, 2)))
 MADE_GOOD = np.diag([0.05, 0.05, 0.02]) ** 2   # covariance of a constraint made of the poses
 
 

@@ -12,19 +12,19 @@ covariance form is to forget their rows, and hang between their anchors from the
 full of anchors, every second one is marginalised too: a long map is held by fewer.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 from somfusion_ros.geometry import (Array, between, between_jacobians, compose, compose_jacobians,
                                     difference, wrap)
-from somfusion_ros.slam import hanging
+from somfusion_ros.slam import hanging, smoothing
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.hanging import Hanging
+from somfusion_ros.slam.hanging import ANCHORS, Hanging
+from somfusion_ros.slam.reduction import reduce_to
 
 GROWTH = 64    # views of room that P grows by, at least
-ANCHORS = 4    # one of so many old views stays in P
 RECENT = 64    # newest views, which all stay in P
 MOST = 1000    # views in P: 72 MB, and 10 ms to fuse a loop
 
@@ -90,8 +90,9 @@ class DelayedStateEkf:
         ends = hanging.ends(k, self.parents, self._anchors) if k > 0 else None
         if ends is not None:
             before, after = self._anchor(ends[0]), self._anchor(ends[1])
-            R = self.relative(before, k)[1] if before == after else np.zeros((3, 3))
-            self._let_go(k, before, after, R)
+            R = self.relative(before, k)[1]
+            self._let_go(k, before, after,
+                         R * hanging.loosely(before, after, self._anchors))
 
     def _thin(self) -> None:
         """Marginalise every second anchor of long chains."""
@@ -197,16 +198,6 @@ class DelayedStateEkf:
 
         The state becomes x + K y, P - K S K', with K = P H' inv(S), by one rank-3 dsyrk.
         """
-        step = self._fuse(constraint)
-        kept = np.flatnonzero(self.kept)
-        move = step.reshape(-1, 3)[self._slot[kept]]
-        self._x[kept] += move
-        self._x[:, 2] = wrap(self._x[:, 2])
-        self._hanging.follow(self._x, np.flatnonzero(~self.kept))
-        return float(np.hypot(move[:, 0], move[:, 1]).max())
-
-    def _fuse(self, constraint: Constraint) -> Array:
-        """Fuse a loop closure into the covariance; return K y (3 * room,), by place in P."""
         constraint = self._anchored(constraint)
         i, j = constraint.first, constraint.second
         y, S = self.innovation(constraint)
@@ -215,20 +206,29 @@ class DelayedStateEkf:
         L = np.linalg.cholesky(S)
         W = np.linalg.solve(L, PH.T)
         self._P = dsyrk(-1.0, W, beta=1.0, c=self._P, trans=1, lower=1, overwrite_c=1)
-        step: Array = W.T @ np.linalg.solve(L, y)
-        return step
+        step, kept = W.T @ np.linalg.solve(L, y), np.flatnonzero(self.kept)
+        move = step.reshape(-1, 3)[self._slot[kept]]
+        self._x[kept] += move
+        self._x[:, 2] = wrap(self._x[:, 2])
+        self._hanging.follow(self._x, np.flatnonzero(~self.kept))
+        return float(np.hypot(move[:, 0], move[:, 1]).max())
 
     @classmethod
-    def of(cls, poses: Array, constraints: Iterable[Constraint]) -> 'DelayedStateEkf':
+    def of(cls, poses: Array, constraints: Sequence[Constraint]) -> 'DelayedStateEkf':
         """Return the filter of views at poses (n, 3), there linearised, of constraints by age."""
-        ekf = cls()
-        ekf.augment(np.zeros(3), np.zeros((3, 3)))
-        for constraint in constraints:
-            if constraint.second == ekf.n:
-                new = ekf.augment(constraint.z, constraint.R, constraint.first)
-                ekf._x[new] = poses[new]
-            else:
-                ekf._fuse(constraint)
+        reduced = reduce_to(MOST, poses, constraints, RECENT)
+        ekf, n, kept = cls(reduced.every), len(poses), np.flatnonzero(reduced.kept)
+        ekf.n, K = n, len(kept)
+        ekf._x = np.concatenate([poses, np.zeros((GROWTH, 3))])
+        ekf.parents = np.concatenate([reduced.parents[:n], np.arange(n - 1, n + GROWTH)])
+        ekf._slot = np.full(n + GROWTH, -1)
+        ekf._slot[kept], ekf._free = np.arange(K), list(range(K, K + GROWTH))[::-1]
+        ekf._P = np.zeros((3 * (K + GROWTH), 3 * (K + GROWTH)), order='F')
+        ekf._P[:3 * K, :3 * K] = smoothing.covariance(poses[kept], reduced.between_kept())
+        ekf._hanging = Hanging(n + GROWTH)
+        for k in np.flatnonzero(~reduced.kept).tolist():
+            before, after = reduced.anchors[k].tolist()
+            ekf._hanging.hang(k, before, after, poses, reduced.spread[k])
         return ekf
 
     def _column(self, i: int) -> Array:

@@ -16,7 +16,6 @@ from somfusion_ros.settings import tuned
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.loop_closer import NOTHING
 from somfusion_ros.slam.loops import centre
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.matching import register
@@ -64,6 +63,7 @@ class FixedMap(SingleMap):
         self._map = checkpoint
         self.graph.trail = Trail()
         self.graph.to_close.clear()
+        self.closer.hides = False
         self._seen = np.array([apply(pose, middle[None])[0] for pose, middle in
                                zip(checkpoint.poses, self.graph.centres, strict=True)])
 
@@ -134,8 +134,7 @@ class FixedMap(SingleMap):
 
     def _forget(self) -> None:
         """Let the views of its own show nothing any more."""
-        first = len(self._map.poses)
-        self.graph.clouds[first:] = [NOTHING] * (self.graph.ekf.n - first)
+        self.graph.hide(range(len(self._map.poses), self.graph.ekf.n))
         self.graph.to_close.clear()
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array, between, compose
 
-SHORT = 3   # views of a chain so short that it hangs on the view that it was begun from
+ANCHORS = 4   # one of so many old views is an anchor, where the map is not long
+SHORT = 3     # views of a chain so short that it hangs on the view that it was begun from
 
 
 def ends(k: int, parents: NDArray[np.intp], every: int) -> tuple[int, int] | None:
@@ -35,6 +36,11 @@ def ends(k: int, parents: NDArray[np.intp], every: int) -> tuple[int, int] | Non
     while not _stays(after, parents, every):
         after += 1
     return before, after
+
+
+def loosely(before: int, after: int, every: int) -> bool:
+    """Return whether a view is less sure than its anchors: not between two near ones."""
+    return before == after or every > ANCHORS
 
 
 def anew(kept: NDArray[np.bool_], parents: NDArray[np.intp], every: int

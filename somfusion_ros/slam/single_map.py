@@ -147,7 +147,7 @@ class SingleMap:
         ekf = self.graph.ekf
         if not track.matched or self.tracker.lost or not ekf.n:
             return False
-        usable = np.ones(ekf.n, bool)
+        usable = self.graph.showing()
         usable[[self._at, *self._fresh]] = False
         place = places.known(self.pose()[0], ekf.poses, usable, self.config)
         for view in place.views:
