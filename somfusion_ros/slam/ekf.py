@@ -224,7 +224,8 @@ class DelayedStateEkf:
         ekf._slot = np.full(n + GROWTH, -1)
         ekf._slot[kept], ekf._free = np.arange(K), list(range(K, K + GROWTH))[::-1]
         ekf._P = np.zeros((3 * (K + GROWTH), 3 * (K + GROWTH)), order='F')
-        ekf._P[:3 * K, :3 * K] = smoothing.covariance(poses[kept], reduced.between_kept())
+        if K > 1:
+            ekf._P[:3 * K, :3 * K] = smoothing.covariance(poses[kept], reduced.between_kept())
         ekf._hanging = Hanging(n + GROWTH)
         for k in np.flatnonzero(~reduced.kept).tolist():
             before, after = reduced.anchors[k].tolist()

@@ -91,7 +91,7 @@ def _from_anchor(c: Constraint, poses: Array, a: int, spread: Array) -> Constrai
 def _carried(loops: Sequence[Constraint], poses: Array, anchor: NDArray[np.intp], spread: Array
              ) -> list[Constraint]:
     """Return constraints carried over to the anchors (n,) of their views, where these differ."""
-    views = np.array([(c.first, c.second) for c in loops]).reshape(-1, 2)
+    views = np.array([(c.first, c.second) for c in loops], int).reshape(-1, 2)
     (a, b), (i, j) = views.T, anchor[views].T
     z = np.array([c.z for c in loops]).reshape(-1, 3)
     z = compose(compose(between(poses[i], poses[a]), z), between(poses[b], poses[j]))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
 
-MOST = 200_000   # scans; 5 hours at 10 Hz
+MOST = 72_000    # scans; 2 hours at 10 Hz
 ROOM = 1024      # scans by which the arrays grow, at least
 
 

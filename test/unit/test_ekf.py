@@ -189,6 +189,14 @@ def test_views_added_where_the_place_was_known_hang_on_it():
     assert (np.abs(np.median(share, axis=0) - 1.0) < 0.15).all()
 
 
+def test_a_filter_of_few_views_is_made_again():
+    for n in (1, 2):
+        steps = [Constraint(k - 1, k, STEP, Q) for k in range(1, n)]
+        again = DelayedStateEkf.of(STEP * np.arange(n)[:, None], steps)
+        assert again.augment(STEP, Q) == n
+        np.testing.assert_allclose(again.block(n, n)[2, 2], n * Q[2, 2], rtol=1e-6)
+
+
 def test_a_filter_made_again_of_its_constraints_knows_as_much():
     rng, lived, constraints = np.random.default_rng(7), DelayedStateEkf(), []
     lived.augment(np.zeros(3), Q)
