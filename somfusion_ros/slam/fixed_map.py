@@ -63,7 +63,6 @@ class FixedMap(SingleMap):
         self._map = checkpoint
         self.graph.trail = Trail()
         self.graph.to_close.clear()
-        self.closer.hides = False
         self._seen = np.array([apply(pose, middle[None])[0] for pose, middle in
                                zip(checkpoint.poses, self.graph.centres, strict=True)])
 

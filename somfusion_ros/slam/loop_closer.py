@@ -7,7 +7,7 @@ from threading import Lock
 
 import numpy as np
 from somfusion_ros.geometry import Array
-from somfusion_ros.slam import contradiction, loop_matching, loops, places, smoothing
+from somfusion_ros.slam import contradiction, loop_matching, loops, smoothing
 from somfusion_ros.slam.checkpoint import ViewGraph
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.local_map import LocalMap
@@ -21,7 +21,6 @@ class LoopCloser:
                  counters: Counter[str]) -> None:
         self.graph, self.config, self.counters = graph, config, counters
         self.closure = LoopClosure(config)
-        self.hides = True    # whether views that are out of date are hidden
         self.denials = 0     # views, of those that nothing has confirmed yet, that deny old ones
         self.unconfirmed: deque[int] = deque(maxlen=contradiction.TUNING.taken_back)
         self._lock = lock
@@ -40,26 +39,7 @@ class LoopCloser:
             self._match_loops(new, targets, poses)
         self._relinearise()
         self._look_for_contradiction(new)
-        if self.hides:
-            self._hide_outdated(new)
         return True
-
-    def _hide_outdated(self, new: int) -> None:
-        """
-        Hide old views where a new one had to be added though there were enough.
-
-        What they saw has changed. Those that the map is still drawn from are left.
-        """
-        with self._lock:
-            graph, old = self.graph, self.graph.showing()
-            old[max(new - self.config.loop_minimum_gap, 0):] = False
-            poses = graph.ekf.poses
-            outdated = places.outdated(poses[new], poses, old, self.config)
-            if outdated:
-                drawn = {scan.view for scan in graph.scans}
-                hidden = [view for view in outdated if view not in drawn]
-                graph.hide(hidden)
-                self.counters['views_outdated'] += len(hidden)
 
     def _look_for_contradiction(self, new: int) -> None:
         """Count the views, one after another, that deny what old ones saw."""

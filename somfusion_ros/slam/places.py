@@ -47,9 +47,6 @@ class PlaceTuning:
     tried: int = tuned(
         3, 'views', 'nearest, of a full or well known place, that may explain the scan',
         'benchmarks/life.py')
-    most: int = tuned(
-        6, 'views', 'at one place; where one more shows what they do not, the oldest are out of '
-        'date', 'benchmarks/week.py')
     sure: tuple[float, float] = tuned(
         (0.15, 0.05), 'm, rad', 'sigma of the old view seen from the robot; beyond it the loop '
         'is not closed yet', 'shared logs')
@@ -108,13 +105,6 @@ def known(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConf
     if np.count_nonzero(apart < TUNING.around) >= TUNING.well:
         return KnownPlace(nearest, TUNING.loss)
     return KnownPlace(nearest[:1] if here >= TUNING.enough else (), TUNING.loss)
-
-
-def outdated(pose: Array, poses: Array, old: NDArray[np.bool_], config: SlamConfig) -> list[int]:
-    """Return the old (n,) views at the place of a new one's pose (3,), but for the newest few."""
-    here = np.flatnonzero(old & (distance(pose, poses, config) < TUNING.near))
-    oldest: list[int] = here[:-TUNING.most].tolist()
-    return oldest
 
 
 def nearest_seen(pose: Array, poses: Array, clouds: Sequence[Cloud], config: SlamConfig) -> int:
