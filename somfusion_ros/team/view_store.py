@@ -13,9 +13,9 @@ import struct
 
 import numpy as np
 from somfusion_ros.geometry import Array
+from somfusion_ros.slam.checkpoint import NOTHING
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.slam.checkpoint import NOTHING
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.fact import (Fact, LOOP, MOST_CORNERS, pack_facts, SCAN, TAKEN_BACK,
                                      unpack_facts, VIEW)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import between, compose, inverse, Pose
+from somfusion_ros.slam.checkpoint import NOTHING
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.slam.checkpoint import NOTHING
 from somfusion_ros.team.bond_codec import decode_bonds
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.joint_map import draw_joint
