@@ -93,7 +93,7 @@ def unpack_facts(data: bytes) -> list[Fact]:
         symbols[plain:] // GAP, symbols[plain:] % GAP]).ravel()])
     if count_of[:plain].max(initial=0) > 62 or len(rest) != bytes_for(count_of):
         raise ValueError('a message of views is damaged (its bits do not fit its numbers)')
-    numbers = np.concatenate([unpack_bits(rest, count_of)])
+    numbers = unpack_bits(rest, count_of)
     ends = np.cumsum(numbers[:facts].astype(np.int64))
     if facts and (ends[-1] != corners or numbers[:facts].max() > MOST_CORNERS):
         raise ValueError('a message of views is damaged (its corners do not fit its facts)')
