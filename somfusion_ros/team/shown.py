@@ -24,8 +24,9 @@ class ShownTuning:
     surface: int = tuned(4, 'cells', 'of surface that were not shown so often make a scan new; 10 '
                          'cost a 20th less, and show a 200th less of the walls and a 30th less of '
                          'single posts', 'mines, wean, CSAIL')
-    area: float = tuned(0.1, 'm^2', 'that no scan knew make a scan new; 0.2 costs a sixth less, '
-                        'and knows 3 % less of the mines', 'mines, wean, CSAIL')
+    area: float = tuned(0.03, 'm^2', 'that no scan knew make a scan new; with 0.1 the mines cost '
+                        'an eighth less, and a tenth of what is free in them is not known',
+                        'mines, wean, CSAIL')
 
 
 TUNING = ShownTuning()
