@@ -18,6 +18,7 @@ WIDTH = {VIEW: 22, LOOP: 11, SCAN: 12, TAKEN_BACK: 2, MATCH: 11}     # numbers o
 LIKE_THE_LAST = {VIEW: (0, 1, *range(9, 22)), LOOP: (0, *range(5, 11)),
                  SCAN: (0, 1, *range(5, 12)), TAKEN_BACK: (),
                  MATCH: (0, 1, *range(5, 11))}    # numbers that change little
+BEAMS_AT = {VIEW: 15, SCAN: 5}     # which number says of how many beams a fact is
 MOST_FACTS = 16384        # of a message
 MOST_CORNERS = 1 << 17
 GAP = 17                  # lengths of a value per length of a gap, in the symbol of a corner
@@ -34,6 +35,12 @@ class Fact(NamedTuple):
     def size(self) -> int:
         """Bytes that it takes in memory, about."""
         return 8 * len(self.numbers) + len(self.outline)
+
+    @property
+    def beams(self) -> int:
+        """Beams that it makes once it is unpacked, however few bytes tell of them."""
+        at = BEAMS_AT.get(self.kind)
+        return 0 if at is None else max(0, self.numbers[at])
 
 
 def corners_in(outline: bytes) -> Corners:

@@ -26,6 +26,7 @@ from somfusion_ros.team.view_set import DrawnScan, ViewSet
 VERSION = 3
 HEAD = struct.Struct('<BBB')      # version, letters of the epoch and of the telling
 MOST_BYTES = 40_000_000           # of one robot's facts in memory: twenty kilometres of driving
+MOST_BEAMS = 10_000_000           # of one robot's facts once unpacked: two gigabytes at most
 LARGEST_BATCH = 4_000_000         # [bytes]
 FEW = {LOOP: 256, SCAN: 1024}     # facts that a robot may tell of its path, and so many
 EACH = {LOOP: 16, SCAN: 64}       # more per view: a robot that turns on the spot tells 32 scans
@@ -95,7 +96,7 @@ class ViewStore:
         self._scans: dict[Fact, DrawnScan] = {}
         self._taken_back: set[int] = set()
         self._views: ViewSet | None = None
-        self.bytes, self.batches, self._kept = 0, [], 0
+        self.bytes, self.batches, self._kept, self._beams = 0, [], 0, 0
 
     def take(self, data: bytes) -> None:
         """Add a batch; ValueError, once its good facts are in, where one of them is unusable."""
@@ -141,6 +142,8 @@ class ViewStore:
             return
         if self.bytes + fact.size > MOST_BYTES:
             raise ValueError(f'the views of one robot are over {MOST_BYTES} bytes')
+        if self._beams + fact.beams > MOST_BEAMS:
+            raise ValueError(f'the views of one robot are over {MOST_BEAMS} beams')
         if fact.kind == VIEW:
             view = self._reader.view(fact)
             if view.number < len(self._poses) or view.number in self._waiting:
@@ -155,6 +158,7 @@ class ViewStore:
         else:
             raise ValueError(f'a fact of the kind {fact.kind} is none of a path')
         self.bytes += fact.size
+        self._beams += fact.beams
         while len(self._poses) in self._waiting:
             view = self._waiting.pop(len(self._poses))
             self._clouds.append(self._reader.cloud(view.beams, view.outline))

@@ -281,7 +281,7 @@ def set_at(i: int, seconds: float) -> Clock:
     return lambda k: seconds * (k >= i)
 
 
-@pytest.mark.parametrize('step', [-3600.0, -3.0, -2.4, -1.2, -0.5, 0.2, 1.2, 2.4, 100.0])
+@pytest.mark.parametrize('step', [-3600.0, -3.0, -2.4, -1.2, -0.5, 0.2, 1.2, 2.4, 100.0, 3600.0])
 @pytest.mark.parametrize('which', ['both', 'scans', 'odometry', 'odometry a second later'])
 def test_a_clock_that_is_set_while_driving_costs_at_most_one_view(step: float, which: str
                                                                   ) -> None:

@@ -11,6 +11,7 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.simulation.chaos.view_lies import absurd_batches, bonds_with, flood, stolen
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team import view_store
 from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, ToldBond
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.elastic_session import ElasticSession
@@ -69,6 +70,16 @@ def test_a_flood_of_facts_is_refused_before_it_is_read() -> None:
             store.take(batch)
     assert time.process_time() - start < LONGEST
     assert store.bytes <= 88 * (FEW[LOOP] + EACH[LOOP])
+
+
+def test_beams_are_counted_before_they_are_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = batches(bent_team()[0]['robot1'], EPOCHS['robot1'])[0]
+    facts = [fact for fact in decode_batch(data)[2] if fact.beams]
+    monkeypatch.setattr(view_store, 'MOST_BEAMS', 3 * facts[0].beams)
+    store = ViewStore()
+    with pytest.raises(ValueError, match='beams'):
+        store.take(data)
+    assert 0 < len(store.views().poses) <= 3
 
 
 def test_two_bonds_with_one_robot_are_refused(rng: np.random.Generator) -> None:
