@@ -8,7 +8,7 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.beam_code import decode_beams
 from somfusion_ros.team.bond_codec import decode_bonds, ToldBond
-from somfusion_ros.team.fact import corners_in, Fact
+from somfusion_ros.team.fact import corners_in, Fact, unpack_facts
 from somfusion_ros.team.joint import settled
 from somfusion_ros.team.view_facts import decode_constraint, decode_scan, decode_view, ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
@@ -16,6 +16,10 @@ from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 class FactReader:
     """Unpacks what a robot tells of its path; ValueError where it is damaged or absurd."""
+
+    def facts(self, packed: bytes) -> list[Fact]:
+        """Take a batch apart into its facts."""
+        return unpack_facts(packed)
 
     def view(self, fact: Fact) -> ViewFact:
         """Unpack a view."""

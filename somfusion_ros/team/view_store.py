@@ -18,7 +18,7 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.team.fact import (Fact, LOOP, MOST_CORNERS, pack_facts, SCAN, TAKEN_BACK,
-                                     unpack_facts, VIEW)
+                                     VIEW)
 from somfusion_ros.team.fact_reader import FactReader
 from somfusion_ros.team.view_facts import decode_taken_back, Facts, ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
@@ -59,7 +59,8 @@ def _parts(facts: Sequence[Fact]) -> Iterator[Sequence[Fact]]:
         yield facts[first:]
 
 
-def decode_batch(data: bytes) -> tuple[Epoch, str, list[Fact]]:
+def decode_batch(data: bytes, reader: FactReader = FactReader()
+                 ) -> tuple[Epoch, str, list[Fact]]:
     """Unpack epoch, telling and facts; ValueError where a batch is damaged."""
     if not HEAD.size <= len(data) <= LARGEST_BATCH:
         raise ValueError(f'a batch of views has {len(data)} bytes')
@@ -72,7 +73,7 @@ def decode_batch(data: bytes) -> tuple[Epoch, str, list[Fact]]:
         telling = data[HEAD.size + first:at].decode('ascii')
     except UnicodeDecodeError as error:
         raise ValueError('a batch of views names no epoch') from error
-    return epoch, telling, unpack_facts(data[at:])
+    return epoch, telling, reader.facts(data[at:])
 
 
 class ViewStore:
@@ -100,7 +101,7 @@ class ViewStore:
 
     def take(self, data: bytes) -> None:
         """Add a batch; ValueError, once its good facts are in, where one of them is unusable."""
-        epoch, telling, facts = decode_batch(data)
+        epoch, telling, facts = decode_batch(data, self._reader)
         if (epoch, telling) != (self.epoch, self._telling):
             self._clear()
             self.epoch, self._telling = epoch, telling

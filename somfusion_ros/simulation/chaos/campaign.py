@@ -27,7 +27,7 @@ from somfusion_ros.team.config import TeamConfig
 TICK = 0.5           # [s] of simulated time between two steps
 SETTLED = 30.0       # [s] after the last new map of an episode, in which all must agree
 LOOK = 2.0           # [s] between two looks at who is there
-DRAWN = 4            # of so many teams one really draws its views, which takes long
+DRAWN = 16           # of so many teams one really draws its views, which takes long
 ABROAD = 0.1         # share of the teams that begin elsewhere
 KNOWING = 0.15       # share of the teams whose start poses are given,
 SEEING = 0.5         # and of those whose robots see one another,

@@ -22,7 +22,7 @@ from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState
 KINDS = ('garbage', 'wrong pairs', 'ghosts', 'absent robots', 'walls', 'free everywhere', 'replay',
          'flicker', 'poses', 'views', 'bonds')
 GOOD = np.diag([1e-4, 1e-4, 1e-6])
-PERIOD = 2.0      # [s] between two lies
+PERIOD = 4.0      # [s] between two lies
 EPOCH = Epoch('11a7', 0)
 
 

@@ -25,6 +25,7 @@ from somfusion_ros.team.view_facts import ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
 
 
+BATCHES = 2000   # of facts that are kept apart
 ROOMS = 'fusion', 'slam', 'team'    # whose code decides what comes of a piece of work
 
 
@@ -74,8 +75,14 @@ class RememberingReader(FactReader):
     """Unpacks each fact once for all robots that hear it."""
 
     def __init__(self, most: int) -> None:
-        self._memory = Memory(most)
+        self._memory, self._batches = Memory(most), Memory(BATCHES)
         self._first: WeakKeyDictionary[ViewSet, ViewSet] = WeakKeyDictionary()
+
+    def facts(self, packed: bytes) -> list[Fact]:
+        """Take a batch apart into its facts."""
+        facts: list[Fact] = self._batches.of(packed, lambda: super(
+            RememberingReader, self).facts(packed))
+        return facts
 
     def view(self, fact: Fact) -> ViewFact:
         """Unpack a view."""
