@@ -123,12 +123,16 @@ class Heard:
         if not self.trail or np.hypot(*np.subtract(here, self.trail[-1])) >= TUNING.trail_step:
             self.trail.append(here)
 
-    def future(self, stamp: float, now: float) -> float:
-        """Return how far [s] in the robot's future a stamp [s] is; 0 where it may be past."""
+    def after(self, stamp: float, now: float) -> float:
+        """Return how far [s] in the robot's future a stamp [s] is; nan where it does not know."""
         poses = list(self.poses)
         if not poses or now - self.posed_at > TUNING.sighting_tolerance:
-            return 0.0      # it does not know its own time
-        ahead = stamp - poses[-1].stamp - (now - self.posed_at)
+            return float('nan')      # it does not know its own time
+        return stamp - poses[-1].stamp - (now - self.posed_at)
+
+    def future(self, stamp: float, now: float) -> float:
+        """Return how far [s] in the robot's future a stamp [s] is; 0 where it may be past."""
+        ahead = self.after(stamp, now)
         return ahead if ahead > TUNING.stepped else 0.0
 
     def pose_at(self, stamp: float) -> TimedPose | None:

@@ -96,6 +96,8 @@ class Inbox:
         self._compare_clocks(robot, item.stamp)
         if epoch is None or epoch == self._session.epoch_of(robot):
             heard.add_pose(item)
+            if robot != self.name:
+                self._session.presence.hear(robot, item, self.heard[self.name], self._clock())
 
     def _compare_clocks(self, robot: str, stamp: float) -> None:
         """Note where a peer's clock is ahead of the robot's own: its poses do not fit in time."""

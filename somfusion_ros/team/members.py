@@ -28,6 +28,7 @@ from somfusion_ros.team.map_change import missing_walls
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.pair_history import PairHistory
 from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.voices import seen_elsewhere
 
 SIGHTINGS = 5          # newest sightings of a peer that are kept
 
@@ -145,10 +146,10 @@ class Team:
         return self.maps[first].grid, self.maps[second].grid
 
     def record(self, peer: str, alignment: Alignment, target: Grid, source: Grid,
-               now: float) -> str:
-        """Record the verdict on the pair with a peer; return in one word what became of it."""
+               now: float, impossible: bool = False) -> str:
+        """Record a verdict, or that its pose cannot be; return in one word what became of it."""
         pair = self._pair(peer)
-        word = pair.record(alignment, target, source, now)
+        word = pair.record(alignment, target, source, now, impossible)
         if not pair.doubted and self.maps[peer].grid in (target, source):
             self.shown[peer] = self.maps[peer]
         return word
@@ -183,14 +184,20 @@ class Team:
     def own_constraints(self) -> list[MapConstraint]:
         """Return what the robot itself found: accepted pairs and sightings."""
         constraints = [constraint for sighted in self._sighted.values() for constraint in sighted]
-        for peer, pair in self.pairs.items():
-            held = pair.held
-            if held is not None and held.T_target_source is not None:
-                target, source = sorted((self.name, peer))
-                P = np.triu(held.covariance) + np.triu(held.covariance, 1).T   # as it is told
-                constraints.append(self._own(MapConstraint(
-                    target, source, held.T_target_source, P, pair.probability)))
-        return constraints
+        return constraints + [self._match(peer, pair.held, pair.probability)
+                              for peer, pair in self.pairs.items() if pair.held is not None]
+
+    def seen_elsewhere(self, peer: str, alignment: Alignment) -> bool:
+        """Return whether sightings that agree contradict an accepted alignment with a peer."""
+        return seen_elsewhere(self._match(peer, alignment, alignment.probability),
+                              self._sighted.get(peer, ()))
+
+    def _match(self, peer: str, found: Alignment, probability: float) -> MapConstraint:
+        """Return what an accepted alignment with a peer says."""
+        target, source = sorted((self.name, peer))
+        P = np.triu(found.covariance) + np.triu(found.covariance, 1).T   # as it is told
+        assert found.T_target_source is not None     # of an accepted one it is known
+        return self._own(MapConstraint(target, source, found.T_target_source, P, probability))
 
     def own_transforms(self) -> dict[str, Pose]:
         """Return T_own_peer of the pairs that this robot accepted, a match before a sighting."""

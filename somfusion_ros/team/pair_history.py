@@ -97,11 +97,16 @@ class PairHistory:
             return not self.settled
         return changed >= max(minimum_change, TUNING.least_change)
 
-    def record(self, alignment: Alignment, target: Grid, source: Grid, now: float) -> str:
-        """Record a verdict given at a time [s]; return in one word what became of it."""
+    def record(self, alignment: Alignment, target: Grid, source: Grid, now: float,
+               impossible: bool = False) -> str:
+        """
+        Record a verdict given at a time [s]; return in one word what became of it.
+
+        impossible: its pose cannot be; where it is the one that holds, that is withdrawn at once.
+        """
         self.last, self._matched, self._matched_at = alignment, (target, source), now
         self.attempts += 1
-        word = self._weigh(alignment, source)
+        word = self._weigh(alignment, source, impossible)
         self.settled = not self._unfinished
         return word
 
@@ -110,7 +115,7 @@ class PairHistory:
         """Whether the same maps are to be matched again: for a rival, a refusal, or to go on."""
         return bool(self._rivals) or self._on_the_way or self._refusals > 0
 
-    def _weigh(self, alignment: Alignment, source: Grid) -> str:
+    def _weigh(self, alignment: Alignment, source: Grid, impossible: bool) -> str:
         """Weigh a verdict against the one that holds."""
         if self.held is None:
             return self._hold(alignment, 'accepted') if alignment.accepted else 'refused'
@@ -118,7 +123,8 @@ class PairHistory:
         same = (alignment.T_target_source is not None
                 and same_pose(held, alignment.T_target_source, source))
         if not alignment.accepted:
-            return self._doubt(clear=not (same and alignment.probability >= TUNING.likely))
+            return self._doubt(clear=not (same and alignment.probability >= TUNING.likely),
+                               proven=same and impossible)
         if same:
             return self._hold(self._towards(held, alignment), 'updated')
         return self._challenge(alignment, source)
@@ -145,12 +151,12 @@ class PairHistory:
             return alignment
         return replace(alignment, T_target_source=Pose.from_array(compose(old, step / size)))
 
-    def _doubt(self, clear: bool) -> str:
-        """Count a refusal; several in a row withdraw the verdict that holds."""
+    def _doubt(self, clear: bool, proven: bool) -> str:
+        """Count a refusal; several in a row, or a proven one, withdraw the verdict that holds."""
         self._rivals = []
         self._refusals += clear
         self._near_refusals += 1
-        if self._refusals < REFUSALS and self._near_refusals < NEAR_REFUSALS:
+        if self._refusals < REFUSALS and self._near_refusals < NEAR_REFUSALS and not proven:
             return 'kept'
         self.held, self._refusals, self._near_refusals = None, 0, 0
         self._on_the_way = False

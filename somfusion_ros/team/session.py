@@ -16,7 +16,7 @@ from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
-from somfusion_ros.geometry import Array, between, Pose
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
@@ -25,8 +25,11 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.global_drawing import GlobalDrawing
+from somfusion_ros.team.jumps import Jumps
+from somfusion_ros.team.jumps import TUNING as JUMPS
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.members import Team
+from somfusion_ros.team.presence import impossible, Presence
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.snapshot import Snapshot
@@ -38,13 +41,8 @@ MOST_DOUBLINGS = 16   # of the pause after a new map; by then it is as long as i
 
 @dataclass(frozen=True)
 class SessionTuning:
-    """What is counted as a jump, and how long a peer that begins maps anew is left alone."""
+    """How long a peer that begins maps anew is left alone."""
 
-    jump_distance: float = tuned(
-        0.2, 'm', 'an accepted transform that moves by more is counted as a jump; more than a '
-        'pose that holds moves at once', 'by design')
-    jump_heading: float = tuned(
-        float(np.radians(2.0)), 'rad', 'the same for the heading', 'by design')
     first_pause: float = tuned(
         5.0, 's', 'a peer that begins a new map for the second time is not matched for twice '
         'this time, and twice as long again every time after', 'by design')
@@ -79,9 +77,8 @@ class FusionSession:
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
         self._dropped: set[tuple[tuple[str, str], str]] = set()
-        self._accepted: dict[str, Pose] = {}
-        self._jumps = 0
-        self._world = WorldWatch(name, TUNING.jump_distance, TUNING.jump_heading, say)
+        self.presence, self._jumps = Presence(), Jumps()
+        self._world = WorldWatch(name, JUMPS.distance, JUMPS.heading, say)
         self._drawing = GlobalDrawing(config.robot_radius, say)
         self._lapsed: set[str] = set()
         self.elastic = ElasticSession(name, clock, say, matchers)
@@ -128,8 +125,9 @@ class FusionSession:
         pause = min(longer, TUNING.longest_pause) if before else 0.0
         self._looked[robot] = now + pause
         self._scouting.forget(robot)
-        for peer in list(self._accepted) if robot == self._name else [robot]:
-            self._accepted.pop(peer, None)
+        self.presence.forget(None if robot == self._name else robot)
+        for peer in self._jumps.peers() if robot == self._name else [robot]:
+            self._jumps.forget(peer)
             self._words.pop(peer, None)
         self._say(f'{robot} began another map ({epoch}), for the {ordinal(before + 1)} time: all '
                   f'that was said of its old one has lapsed, its place is sought in {pause:.0f} s')
@@ -177,11 +175,12 @@ class FusionSession:
         if peer is None:
             return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
         target, source = self._team.grids_of(peer)
-        verdict = self.elastic.weigh(
-            peer, self._matchers.align(target, source, self.fusion, self._cache),
-            self._team.epochs, self.fusion.estimation_confidence)
-        self._words[peer] = self._team.record(peer, verdict, target, source, now)
-        self._count_jump(peer, self._team.own_transforms().get(peer))
+        found = self._matchers.align(target, source, self.fusion, self._cache)
+        why = self.presence.why_not(peer, found, self._team)
+        verdict = impossible(found, why) if why else self.elastic.weigh(
+            peer, found, self._team.epochs, self.fusion.estimation_confidence)
+        self._words[peer] = self._team.record(peer, verdict, target, source, now, bool(why))
+        self._jumps.look(peer, self._team.own_transforms().get(peer))
         self._say(f'{self._name} and {peer}: '
                   f'{sentence(self._words[peer], verdict.reason, self._name, peer)}')
         return peer
@@ -207,7 +206,7 @@ class FusionSession:
                       | self._scouting.unlikely - self._team.maps.keys()),
             frozenset(self._scouting.likely | group.keys() - {self._name}),
             self._departed.known,
-            self._departed.maps(), dict(self._departed.sources), self._jumps, anchor,
+            self._departed.maps(), dict(self._departed.sources), self._jumps.count, anchor,
             self._world.changes,
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
             self._team.epochs.get(self._name), dict(self._team.begun), placed)
@@ -239,12 +238,6 @@ class FusionSession:
     def _look(self, peer: str, now: float, force: bool) -> bool:
         """Note that a pair is looked at, and return whether it is due."""
         self._looked[peer] = now
-        return force or self._team.is_due(peer, now)
-
-    def _count_jump(self, peer: str, accepted: Pose | None) -> None:
-        """Count an accepted transform that gave way to one elsewhere, at once or after a while."""
-        if accepted is not None:
-            step = between(self._accepted.get(peer, accepted), accepted)
-            self._jumps += bool(np.hypot(step[0], step[1]) > TUNING.jump_distance
-                                or abs(step[2]) > TUNING.jump_heading)
-            self._accepted[peer] = accepted
+        due, held = self._team.is_due(peer, now), self._team.pairs[peer].held
+        return force or due or (held is not None and
+                                self.presence.why_not(peer, held, self._team) != '')

@@ -15,14 +15,22 @@ from scipy.special import chdtri
 from somfusion_ros.geometry import Pose, wrap
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, turned, with_drift
 
+TWICE = 2      # so many sightings that agree outweigh a match
+
+
+def seen_elsewhere(match: MapConstraint, sightings: Iterable[MapConstraint]) -> bool:
+    """Return whether sightings that agree with one another contradict a match of their author."""
+    return any(one.constraint.kind == 'match' for one in one_voice_each([match, *sightings])[1])
+
 
 def one_voice_each(constraints: Iterable[MapConstraint],
                    ) -> tuple[list[MapConstraint], list[Dropped]]:
     """
     Merge what each author says of each pair; return that, and what contradicts it.
 
-    What the user gave counts before a match, and a match before sightings; of sightings alone
-    those count that most agree with.
+    What the user gave counts before sightings that agree, and these before a match: who saw a
+    robot twice knows where it is, and maps may look alike. A match counts before a single
+    sighting; of sightings alone those count that most agree with.
     """
     said: dict[tuple[str, ...], list[MapConstraint]] = {}
     for one in constraints:
@@ -43,12 +51,21 @@ def _voice(said: Sequence[MapConstraint]) -> tuple[MapConstraint, list[Dropped]]
     alike = sorted((one if one.target < one.source else turned(one) for one in said),
                    key=lambda one: (one.kind, one.T_target_source))
     agree = _agree(alike)
-    first = max(range(len(alike)), key=lambda k: (alike[k].kind != 'sighting', agree[k].sum()))
+    seen = agree & np.array([one.kind == 'sighting' for one in alike])
+    first = max(range(len(alike)), key=lambda k: (
+        _rank(alike[k].kind, int(seen[k].sum())), agree[k].sum()))
     leader = alike[first]
     return (_merged(leader, [one for one, agrees in zip(alike, agree[first]) if agrees]),
             [Dropped(one, f'{one.target} - {one.source} ({one.kind}) contradicts what '
                      f'{one.author or "the same source"} says otherwise ({leader.kind})')
              for one, agrees in zip(alike, agree[first]) if not agrees])
+
+
+def _rank(kind: str, seen: int) -> int:
+    """Rank a kind of word, with which so many sightings agree."""
+    if kind == 'sighting':
+        return 2 if seen >= TWICE else 0
+    return 1 if kind == 'match' else 3
 
 
 def _agree(alike: Sequence[MapConstraint]) -> NDArray[np.bool_]:
@@ -77,4 +94,5 @@ def _merged(leader: MapConstraint, agreeing: Sequence[MapConstraint]) -> MapCons
     P = np.linalg.inv(np.sum(weights, axis=0))
     mean = np.add(leader.T_target_source, P @ np.einsum('nij,nj->i', np.array(weights), off))
     return replace(leader, T_target_source=Pose.from_array(mean), covariance=(P + P.T) / 2.0,
-                   probability=max(one.probability for one in agreeing))
+                   probability=max(one.probability for one in agreeing),
+                   kind=next((kind for kind in kinds if kind != 'sighting'), leader.kind))

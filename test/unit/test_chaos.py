@@ -19,7 +19,7 @@ from somfusion_ros.simulation.chaos.campaign import run_seed, shrink, Team
 from somfusion_ros.simulation.chaos.disk import KINDS as DAMAGE
 from somfusion_ros.simulation.chaos.disk import restarted
 from somfusion_ros.simulation.chaos.faults import Fault
-from somfusion_ros.simulation.chaos.invariants import error_of, TOLD
+from somfusion_ros.simulation.chaos.invariants import error_of
 from somfusion_ros.simulation.chaos.matching import Matching
 from somfusion_ros.simulation.chaos.memory import Memory
 from somfusion_ros.simulation.chaos.network import Conditions, Network
@@ -49,8 +49,8 @@ MORE = (1, 2, 4, 6, 7)
 
 @cache
 def tapes() -> list[Tape]:
-    """Record what real SLAM sessions make of four drives, once."""
-    return record_all(30.0, robots=(0, 1))
+    """Record what real SLAM sessions make of six drives, once."""
+    return record_all(30.0)
 
 
 @cache
@@ -147,8 +147,8 @@ def test_a_robot_that_is_restarted_in_another_building_loses_its_place() -> None
         assert any('robot2 began another map' in word for word in robot.station.words)
 
 
-def test_two_ends_that_look_alike_are_told_apart_once_their_maps_show_it() -> None:
-    """Before that nothing can: 98 % of the walls agree, and all views find what they look for."""
+def test_two_ends_that_look_alike_are_told_apart_by_who_drives_there() -> None:
+    """No map can for 50 s: 98 % of the walls agree, and all views find what they look for."""
     ends = [tape for tape in tapes() if tape.place == 'corridor']
     assert error_of(Pose(), *ends) > 20.0
     cache = FusionCache()
@@ -159,7 +159,9 @@ def test_two_ends_that_look_alike_are_told_apart_once_their_maps_show_it() -> No
     team = Team(1, [], [*ends, tapes()[0]], matching())
     outcome = team.run()
     assert not outcome.broken, said(outcome)
-    assert 0.0 < outcome.stood < TOLD
+    assert outcome.stood == 0.0     # not for a moment: it would have both drive in one place
+    assert outcome.alike
+    assert max(probability for probability, _ in outcome.alike) < 0.1
     for robot in team.robots.values():
         assert robot.station is not None
         assert robot.station.session.snapshot.verdicts

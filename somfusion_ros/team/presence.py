@@ -1,0 +1,149 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where robots were at one time: a transform that puts two bodies in one place is wrong.
+
+Two ends of a corridor may look alike, and no map tells them apart until one shows a difference.
+Bodies do: whoever drives about in the one end is not where the other one drives.
+"""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from somfusion_ros.fusion.alignment import Alignment
+from somfusion_ros.geometry import apply, Array, compose, inverse, Pose
+from somfusion_ros.settings import tuned
+from somfusion_ros.slam.free_space import Outline
+from somfusion_ros.team.heard import Heard, TimedPose
+from somfusion_ros.team.members import Team
+
+MEETINGS = 100    # of each peer that are kept, the newest
+NOWHERE = Outline()
+
+
+@dataclass(frozen=True)
+class PresenceTuning:
+    """When a transform contradicts where the robots were."""
+
+    lag: float = tuned(
+        0.75, 's', 'a pose that is later than this, by the own clock, or from so far in the '
+        'future, is of no use: clocks may differ', 'by design')
+    apart: float = tuned(
+        0.5, 'm', 'a peer that moved by less is where it was', 'by design')
+    narrow: float = tuned(
+        0.25, 'm', 'the centres of two robots are never nearer', 'by design')
+    distinct: float = tuned(
+        1.0, 'm', 'between two places that count as two', 'by design')
+    proof: int = tuned(
+        4, 'places', 'that a transform contradicts, so that it is wrong: at one or two a clock, a '
+        'pose, or a laser that missed a thin robot can be. Played together, logs that were '
+        'recorded one after the other, of robots that were never side by side, have up to 3',
+        'mines, wean, Intel, CSAIL and Belgioioso, each played as a team')
+    few: int = tuned(
+        2, 'places', 'that are proof where most meetings are at such places', 'by design')
+    nearest: float = tuned(
+        0.6, 'm', 'nearer, a laser may look over a body, or its own robot be it', 'by design')
+    farthest: float = tuned(
+        6.0, 'm', 'farther, beams may pass a thin robot on both sides', 'by design')
+    beside: float = tuned(
+        0.3, 'm', 'that the body may be off to either side of where it should be', 'by design')
+    behind: float = tuned(
+        0.5, 'm', 'that beams must see past the place where the body should be', 'by design')
+    gap: float = tuned(
+        0.15, 'm', 'between two beams that pass; where a body was left out of the scan, they are '
+        'wider apart', 'by design')
+    probability: float = tuned(
+        0.01, '', 'that is left to a verdict that is contradicted', 'by design')
+
+
+TUNING = PresenceTuning()
+
+
+class Meeting(NamedTuple):
+    """Poses of the own robot and of a peer at one time, each in its map; what the own one saw."""
+
+    own: Pose
+    peer: Pose
+    seen: Outline = NOWHERE
+
+
+class Presence:
+    """What one robot knows of where its peers were while it was where."""
+
+    def __init__(self) -> None:
+        self._met: dict[str, deque[Meeting]] = {}
+
+    def hear(self, peer: str, item: TimedPose, own: Heard, now: float) -> None:
+        """Note where the own robot was when a peer told a pose, where the clocks agree."""
+        if abs(own.after(item.stamp, now)) <= TUNING.lag:
+            here = own.pose_at(item.stamp)
+            if here is not None:
+                self.meet(peer, Meeting(here.pose, item.pose))
+
+    def meet(self, peer: str, meeting: Meeting) -> None:
+        """Note where both were at one time, where the peer moved or the own robot looked."""
+        met = self._met.setdefault(peer, deque(maxlen=MEETINGS))
+        if len(meeting.seen.reach) or not met or np.hypot(
+                *np.subtract(meeting.peer, met[-1].peer)[:2]) >= TUNING.apart:
+            met.append(meeting)
+
+    def forget(self, robot: str | None = None) -> None:
+        """Forget what was noted of a robot, None: of all, whose map is another one."""
+        for peer in list(self._met) if robot is None else [robot]:
+            self._met.pop(peer, None)
+
+    def contradicted(self, peer: str, T_own_peer: Pose) -> int:
+        """Return at how many places, if at enough, a transform has bodies where none can be."""
+        met = list(self._met.get(peer, ()))     # in one step: another thread adds to them
+        wrong = [there for meeting in met
+                 if _impossible(meeting, there := compose(T_own_peer, meeting.peer))]
+        distinct: list[Array] = []
+        for place in wrong:
+            if all(np.hypot(*(place - other)[:2]) >= TUNING.distinct for other in distinct):
+                distinct.append(place)
+        enough = (1 if len(wrong) == len(met) > 1 else
+                  TUNING.few if 2 * len(wrong) > len(met) else TUNING.proof)
+        return len(distinct) if len(distinct) >= enough else 0
+
+    def why_not(self, peer: str, found: Alignment, team: Team) -> str:
+        """Return why an alignment with a peer cannot be, whatever the maps say; '' if it can."""
+        T = found.T_target_source
+        if T is None:
+            return ''
+        if found.accepted and team.seen_elsewhere(peer, found):
+            return 'sightings have it elsewhere'
+        own_first = team.name < peer
+        places = self.contradicted(peer, T if own_first else Pose.from_array(inverse(T)))
+        return '' if not places else (
+            f'at {places} places both robots would be in one place, or one would have seen the '
+            'other where nobody was')
+
+
+def impossible(verdict: Alignment, why: str) -> Alignment:
+    """Return a verdict on maps that are alike, where the robots say that it cannot be."""
+    return replace(verdict, accepted=False, reason=f'refused: {why}',
+                   probability=min(verdict.probability, TUNING.probability))
+
+
+def _impossible(meeting: Meeting, there: Array) -> bool:
+    """Tell whether a peer cannot have been at a place (3,) in the own map at a meeting."""
+    x, y = apply(inverse(meeting.own), there[None, :2])[0]
+    return bool(np.hypot(x, y) < TUNING.narrow) or _looks_through(meeting.seen, np.array([x, y]))
+
+
+def _looks_through(seen: Outline, body: Array) -> bool:
+    """Tell whether beams passed a place (2,) in the base frame where a body should have been."""
+    ends, body = seen.ends - seen.origin, body - seen.origin
+    distance = float(np.hypot(*body))
+    if not len(ends) or not TUNING.nearest <= distance <= TUNING.farthest:
+        return False
+    u = body / distance
+    along, beside = ends @ u, ends @ [-u[1], u[0]]
+    ahead = along > 0.0
+    offset = distance * beside[ahead] / along[ahead]     # of a beam from the body's centre
+    near = np.abs(offset) < TUNING.beside
+    window = np.sort(np.r_[-TUNING.beside, offset[near], TUNING.beside])
+    return bool((np.diff(window) < TUNING.gap).all()
+                and (seen.reach[ahead][near] > distance + TUNING.behind).all())

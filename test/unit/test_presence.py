@@ -1,0 +1,157 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where robots were, and what they saw, against what look-alike maps say."""
+
+from helpers import cut_grid, fake_grid, furnished_room
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from somfusion_ros.fusion.alignment import Alignment
+from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.geometry import between, compose, Pose
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.free_space import Outline
+from somfusion_ros.team.config import TeamConfig
+from somfusion_ros.team.constraint import MapConstraint
+from somfusion_ros.team.heard import Heard, TimedPose
+from somfusion_ros.team.inbox import Inbox
+from somfusion_ros.team.matchers import Matchers
+from somfusion_ros.team.presence import Meeting, Presence, TUNING
+from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.shared_map import SharedMap
+
+P = np.diag([1e-4, 1e-4, 1e-6])
+T_OWN_PEER = Pose(3.0, -1.0, 0.7)
+WAY = [Pose(0.5 * k, 0.3 * np.sin(k), 0.1 * k) for k in range(20)]     # of a robot, in a map
+
+
+def driven(way: list[Pose], beside: list[Pose]) -> Presence:
+    """Let two robots drive: where the own one was, and where the peer was beside it."""
+    presence = Presence()
+    for own, T_own_there in zip(way, beside, strict=True):
+        there = compose(own, T_own_there)
+        presence.meet('b', Meeting(own, Pose.from_array(between(T_OWN_PEER, there))))
+    return presence
+
+
+def test_two_robots_that_would_move_as_one_are_not_where_the_maps_say() -> None:
+    at_one = driven(WAY, [Pose(0.05, 0.1, 3.0)] * 20)
+    assert at_one.contradicted('b', T_OWN_PEER) >= TUNING.proof
+    assert not at_one.contradicted('b', Pose(8.0, 0.0, 0.7))
+    assert not at_one.contradicted('c', T_OWN_PEER)
+    at_one.forget('b')
+    assert not at_one.contradicted('b', T_OWN_PEER)
+
+
+@given(st.floats(0.3, 5.0), st.floats(-3.0, 3.0))
+def test_robots_that_follow_one_another_however_closely_are_believed(gap: float, side: float
+                                                                     ) -> None:
+    beside = Pose(gap * np.cos(side), gap * np.sin(side), 0.0)
+    assert not driven(WAY, [beside] * 20).contradicted('b', T_OWN_PEER)
+
+
+def test_robots_that_met_now_and_then_in_logs_of_different_days_are_believed() -> None:
+    """Up to three places of many; at four there is something wrong."""
+    apart = Pose(2.0, 0.0, 0.0)
+    for many in range(6):
+        beside = [Pose() if k < 3 * many and k % 3 == 0 else apart for k in range(20)]
+        assert bool(driven(WAY, beside).contradicted('b', T_OWN_PEER)) == (many >= TUNING.proof)
+
+
+def test_of_few_meetings_most_are_enough() -> None:
+    assert driven(WAY[:2], [Pose()] * 2).contradicted('b', T_OWN_PEER) == 1
+    assert not driven(WAY[:1], [Pose()]).contradicted('b', T_OWN_PEER)
+
+
+def scan(walls: float, body: float | None = None, hidden: bool = False) -> Outline:
+    """See walls all around at a distance, and a body of 0.3 m ahead; or what was left out."""
+    angle = np.radians(np.arange(-90.0, 90.5, 0.5))
+    reach = np.full(len(angle), walls)
+    if body is not None:
+        on_it = np.abs(np.tan(angle) * body) < 0.15
+        reach[on_it & (np.abs(angle) < 1.0)] = 0.0 if hidden else body - 0.15
+    return Outline(reach[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]), reach,
+                   reach > 0.0)
+
+
+@pytest.mark.parametrize(('seen', 'wrong'), [
+    (scan(9.0), True),                      # the laser looks through where the peer should stand
+    (scan(9.0, 3.0), False),                # there it stands
+    (scan(9.0, 2.8), False),                # or a little nearer
+    (scan(9.0, 3.0, hidden=True), False),   # it was left out of the scan
+    (scan(2.0), False)])                    # a wall hides it
+def test_a_laser_that_looks_through_a_body_says_that_nobody_is_there(seen: Outline, wrong: bool
+                                                                     ) -> None:
+    presence = Presence()
+    for own in WAY:
+        there = compose(own, Pose(3.0, 0.1, 1.0))
+        presence.meet('b', Meeting(own, Pose.from_array(between(T_OWN_PEER, there)), seen))
+    assert bool(presence.contradicted('b', T_OWN_PEER)) == wrong
+
+
+def test_poses_count_only_where_clocks_agree() -> None:
+    own, presence = Heard(), Presence()
+    for k in range(20):
+        own.add_pose(TimedPose(float(k), WAY[k], P))
+        own.posed_at = float(k)
+        for peer, late in (('b', 0.0), ('late', 2.0), ('early', -2.0)):
+            presence.hear(peer, TimedPose(k - late, WAY[k], P), own, float(k))
+    assert presence.contradicted('b', Pose())
+    assert not presence.contradicted('late', Pose())
+    assert not presence.contradicted('early', Pose())
+
+
+class AlwaysSure(Matchers):
+    """Take any two maps for the same place."""
+
+    def align(self, *grids: object) -> Alignment:
+        """Accept the identity."""
+        return Alignment(accepted=True, probability=0.99, reason='accepted: alike',
+                         T_target_source=Pose(), covariance=1e-4 * np.eye(3))
+
+
+def alike() -> tuple[FusionSession, Inbox]:
+    """Make a robot whose map is like that of its peer."""
+    session = FusionSession('a', TeamConfig(), FusionConfig(), lambda text: None,
+                            matchers=AlwaysSure())
+    inbox = Inbox('a', session, 10 ** 6, lambda kind, reason='': None, lambda: 20.0)
+    room = fake_grid(furnished_room())
+    for robot, grid in (('a', room), ('b', cut_grid(room, (-1.0, -1.0), (5.0, 7.0)))):
+        inbox.heard[robot] = Heard()
+        session.begin(robot, Epoch(robot), 0.0)
+        session.take_map(robot, SharedMap(grid))
+    return session, inbox
+
+
+def told(session: FusionSession) -> set[str]:
+    """Name the kinds of what a robot accepts."""
+    return {constraint.kind for constraint in session.refresh({'b'}).constraints}
+
+
+def test_a_match_that_cannot_be_is_withdrawn_at_once_though_no_map_changes() -> None:
+    session, inbox = alike()
+    assert session.attempt(0.0) == 'b'
+    assert told(session) == {'match'}
+    for k, pose in enumerate(WAY):
+        for robot in 'ab':
+            inbox.keep_pose(robot, lambda k=k, pose=pose: (TimedPose(20.0 + k, pose, P), None))
+    assert session.attempt(10.0) == 'b'
+    assert told(session) == set()
+    assert session.snapshot.words['b'] == 'withdrawn'
+    assert 'in one place' in session.snapshot.verdicts['b'].reason
+    session.begin('b', Epoch('b', 1), 11.0, keep_map=True)      # of another map nothing is known
+    session.attempt(30.0, force=True)
+    assert told(session) == {'match'}
+
+
+def test_two_sightings_outweigh_a_match_and_one_does_not() -> None:
+    session, _ = alike()
+    seen = MapConstraint('a', 'b', Pose(5.0, 2.0, 1.0), 0.01 * np.eye(3), kind='sighting')
+    session.take_sighting(seen)
+    session.attempt(0.0)
+    assert told(session) == {'match', 'sighting'}
+    session.take_sighting(seen)
+    assert session.attempt(10.0) == 'b'
+    assert told(session) == {'sighting'}
+    assert session.snapshot.own_transforms['b'] == seen.T_target_source
