@@ -32,6 +32,12 @@ class TeamConfig:
         "Walls within this distance of a robot's path, which its own map shows as free, are taken "
         'for its body; the radius of the largest robot and a cell more.')
 
+    robots_visible: bool = parameter(
+        False, '', None, None,
+        'Refuse transforms by which a laser looked through the place of another robot. True where '
+        "lasers see the other robots' bodies; false where they look over them, and where logs are "
+        'played together that were recorded one after the other.')
+
     def __post_init__(self) -> None:
         validate(self)
         self.known_poses()

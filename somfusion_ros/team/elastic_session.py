@@ -104,7 +104,7 @@ class ElasticSession:
         Of the pair, the map of the first name is the target. What joins them is kept.
         """
         target, source = sorted((self._name, peer))
-        views = self._views_of((target, source), epochs)
+        views = self.views_of((target, source), epochs)
         if (len(views) < 2 or verdict.T_target_source is None
                 or not could_matter(verdict.probability, confidence)):
             return verdict
@@ -123,7 +123,7 @@ class ElasticSession:
         self.take_bonds(self._name, encode_bonds(       # as the peers will read it
             [self._own[name] for name in sorted(self._own)]))
 
-    def _views_of(self, robots: tuple[str, ...], epochs: Epochs) -> dict[str, ViewSet]:
+    def views_of(self, robots: tuple[str, ...], epochs: Epochs) -> dict[str, ViewSet]:
         """Return the views of those robots that told them of their present maps."""
         found = {}
         for robot in robots:
@@ -141,7 +141,7 @@ class ElasticSession:
         world: T_world_map by robot of the connected group, as the verdicts have it; epochs: which
         map every robot has now; anchor: the robot whose map stays, at best, where it is.
         """
-        views = self._views_of(tuple(sorted(world)), epochs)
+        views = self.views_of(tuple(sorted(world)), epochs)
         bonds = [bond for bonds in self._heard.values() for bond in bonds
                  if {bond.target, bond.source} <= views.keys()
                  and bond.epochs == (epochs[bond.target], epochs[bond.source])

@@ -8,16 +8,18 @@ Bodies do: whoever drives about in the one end is not where the other one drives
 """
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from somfusion_ros.fusion.alignment import Alignment
-from somfusion_ros.geometry import apply, Array, compose, inverse, Pose
+from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.members import Team
+from somfusion_ros.team.view_set import ViewSet
 
 MEETINGS = 100    # of each peer that are kept, the newest
 NOWHERE = Outline()
@@ -43,6 +45,8 @@ class PresenceTuning:
         'mines, wean, Intel, CSAIL and Belgioioso, each played as a team')
     few: int = tuned(
         2, 'places', 'that are proof where most meetings are at such places', 'by design')
+    known: float = tuned(
+        0.3, 'm', 'sigma with which it is known where a peer was that is looked for', 'by design')
     nearest: float = tuned(
         0.6, 'm', 'nearer, a laser may look over a body, or its own robot be it', 'by design')
     farthest: float = tuned(
@@ -62,11 +66,12 @@ TUNING = PresenceTuning()
 
 
 class Meeting(NamedTuple):
-    """Poses of the own robot and of a peer at one time, each in its map; what the own one saw."""
+    """Poses of the own robot and of a peer at one time, each in its map; what each saw then."""
 
     own: Pose
     peer: Pose
     seen: Outline = NOWHERE
+    by_peer: Outline = NOWHERE
 
 
 class Presence:
@@ -74,10 +79,13 @@ class Presence:
 
     def __init__(self) -> None:
         self._met: dict[str, deque[Meeting]] = {}
+        self._late: dict[str, float] = {}     # [s] by which a peer's last pose came late
+        self._looked: dict[str, int] = {}     # views of each robot that were looked at
 
     def hear(self, peer: str, item: TimedPose, own: Heard, now: float) -> None:
         """Note where the own robot was when a peer told a pose, where the clocks agree."""
-        if abs(own.after(item.stamp, now)) <= TUNING.lag:
+        self._late[peer] = abs(own.after(item.stamp, now))
+        if self._late[peer] <= TUNING.lag:
             here = own.pose_at(item.stamp)
             if here is not None:
                 self.meet(peer, Meeting(here.pose, item.pose))
@@ -85,7 +93,7 @@ class Presence:
     def meet(self, peer: str, meeting: Meeting) -> None:
         """Note where both were at one time, where the peer moved or the own robot looked."""
         met = self._met.setdefault(peer, deque(maxlen=MEETINGS))
-        if len(meeting.seen.reach) or not met or np.hypot(
+        if len(meeting.seen.reach) or len(meeting.by_peer.reach) or not met or np.hypot(
                 *np.subtract(meeting.peer, met[-1].peer)[:2]) >= TUNING.apart:
             met.append(meeting)
 
@@ -93,19 +101,46 @@ class Presence:
         """Forget what was noted of a robot, None: of all, whose map is another one."""
         for peer in list(self._met) if robot is None else [robot]:
             self._met.pop(peer, None)
+            self._late.pop(peer, None)
+        self._looked = {} if robot is None else {
+            name: count for name, count in self._looked.items() if name != robot}
+
+    def look(self, views: Mapping[str, ViewSet], own: str, heard: Mapping[str, Heard]) -> None:
+        """Note where robots were when others took their views, of which one is the own robot."""
+        for robot, seen in views.items():
+            first = min(self._looked.get(robot, 0), len(seen))
+            self._looked[robot] = len(seen)
+            for other in sorted(heard.keys() - {own}) if robot == own else [own]:
+                peer = other if robot == own else robot
+                if self._late.get(peer, np.inf) <= TUNING.lag:
+                    for k in range(first, len(seen)):
+                        self._note(peer, seen, k, heard[other], robot == own)
+
+    def _note(self, peer: str, views: ViewSet, k: int, other: Heard, by_own: bool) -> None:
+        """Note where the other one of a pair was when one, the own robot or not, took a view."""
+        there = other.pose_at(float(views.stamps[k]))
+        if there is None or np.trace(there.covariance[:2, :2]) > TUNING.known ** 2:
+            return
+        here, seen = Pose.from_array(views.poses[k]), views.clouds[k].outline
+        self.meet(peer, Meeting(here, there.pose, seen) if by_own else
+                  Meeting(there.pose, here, by_peer=seen))
 
     def contradicted(self, peer: str, T_own_peer: Pose) -> int:
         """Return at how many places, if at enough, a transform has bodies where none can be."""
         met = list(self._met.get(peer, ()))     # in one step: another thread adds to them
-        wrong = [there for meeting in met
-                 if _impossible(meeting, there := compose(T_own_peer, meeting.peer))]
-        distinct: list[Array] = []
-        for place in wrong:
-            if all(np.hypot(*(place - other)[:2]) >= TUNING.distinct for other in distinct):
-                distinct.append(place)
-        enough = (1 if len(wrong) == len(met) > 1 else
-                  TUNING.few if 2 * len(wrong) > len(met) else TUNING.proof)
-        return len(distinct) if len(distinct) >= enough else 0
+        if not met:
+            return 0
+        own = np.array([meeting.own for meeting in met])
+        there = compose(T_own_peer, np.array([meeting.peer for meeting in met]))
+        body, back = between(own, there)[:, :2], between(there, own)[:, :2]
+        one_place = np.hypot(*body.T) < TUNING.narrow
+        wrong = one_place | [
+            _looks_through(meeting.seen, body[k]) or _looks_through(meeting.by_peer, back[k])
+            for k, meeting in enumerate(met)]
+        enough = (1 if one_place.all() and len(met) > 1 else
+                  TUNING.few if 2 * np.count_nonzero(wrong) > len(met) else TUNING.proof)
+        places = _distinct(np.stack([own[wrong, :2], there[wrong, :2]], axis=1))
+        return places if places >= enough else 0
 
     def why_not(self, peer: str, found: Alignment, team: Team) -> str:
         """Return why an alignment with a peer cannot be, whatever the maps say; '' if it can."""
@@ -127,17 +162,22 @@ def impossible(verdict: Alignment, why: str) -> Alignment:
                    probability=min(verdict.probability, TUNING.probability))
 
 
-def _impossible(meeting: Meeting, there: Array) -> bool:
-    """Tell whether a peer cannot have been at a place (3,) in the own map at a meeting."""
-    x, y = apply(inverse(meeting.own), there[None, :2])[0]
-    return bool(np.hypot(x, y) < TUNING.narrow) or _looks_through(meeting.seen, np.array([x, y]))
+def _distinct(places: Array) -> int:
+    """Count pairs of places (N, 2, 2) of which one at least is far from that of all others."""
+    kept: list[Array] = []
+    for pair in places:
+        if all(np.hypot(*(pair - other).T).max() >= TUNING.distinct for other in kept):
+            kept.append(pair)
+    return len(kept)
 
 
 def _looks_through(seen: Outline, body: Array) -> bool:
     """Tell whether beams passed a place (2,) in the base frame where a body should have been."""
+    if not len(seen.reach):
+        return False
     ends, body = seen.ends - seen.origin, body - seen.origin
     distance = float(np.hypot(*body))
-    if not len(ends) or not TUNING.nearest <= distance <= TUNING.farthest:
+    if not TUNING.nearest <= distance <= TUNING.farthest:
         return False
     u = body / distance
     along, beside = ends @ u, ends @ [-u[1], u[0]]

@@ -7,7 +7,7 @@ Nothing here knows a message or a clock; all of it runs in one worker thread. Wh
 need is handed out as snapshots that never change.
 """
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.global_drawing import GlobalDrawing
+from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.jumps import Jumps
 from somfusion_ros.team.jumps import TUNING as JUMPS
 from somfusion_ros.team.matchers import Matchers
@@ -157,6 +158,12 @@ class FusionSession:
             others = [old for old in self._team.heard_of(owner)
                       if old.robots != constraint.robots]
             self._team.hear(owner, [*others, replace(constraint, epochs=(first, second))])
+
+    def look_around(self, heard: Mapping[str, Heard]) -> None:
+        """Note what views show of where other robots were then, if lasers see robots."""
+        if self._config.robots_visible:
+            self.presence.look(self.elastic.views_of(tuple(heard), self._team.epochs),
+                               self._name, heard)
 
     def take_sighting(self, constraint: MapConstraint) -> None:
         """Add a sighting of a peer."""

@@ -10,8 +10,13 @@ import pytest
 from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import between, compose, Pose
+from somfusion_ros.simulation.chaos.tapes import LASER
+from somfusion_ros.simulation.drive import at, follow
+from somfusion_ros.simulation.floor_plan import box, corridor
+from somfusion_ros.simulation.laser import Scene
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
+from somfusion_ros.slam.scan import cloud
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import Heard, TimedPose
@@ -20,6 +25,8 @@ from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.presence import Meeting, Presence, TUNING
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import SharedMap
+from test_elastic import bent_team
+from test_elastic_session import batches, EPOCHS
 
 P = np.diag([1e-4, 1e-4, 1e-6])
 T_OWN_PEER = Pose(3.0, -1.0, 0.7)
@@ -88,6 +95,52 @@ def test_a_laser_that_looks_through_a_body_says_that_nobody_is_there(seen: Outli
         there = compose(own, Pose(3.0, 0.1, 1.0))
         presence.meet('b', Meeting(own, Pose.from_array(between(T_OWN_PEER, there)), seen))
     assert bool(presence.contradicted('b', T_OWN_PEER)) == wrong
+
+
+@pytest.mark.slow
+def test_lasers_that_see_robots_tell_ends_of_a_corridor_apart_that_maps_do_not(
+        rng: np.random.Generator) -> None:
+    """The second robot drives 15 s later; at the true transform the laser contradicts nothing."""
+    plan, late, ways = corridor(), 15.0, []
+    for robot, wait in ((0, 0.0), (1, late)):
+        route = plan.route(robot)
+        stamps, poses = follow(route, float(np.arctan2(*(route[1] - route[0])[::-1])), 0.7, 45.0)
+        ways.append((np.r_[0.0, stamps + wait], np.concatenate([poses[:1], poses])))
+    starts = [Pose.from_array(poses[0]) for _, poses in ways]
+    one, two = Presence(), Presence()
+    for t in np.arange(late, 45.0, 1.0):
+        first, second = (at(*way, np.array([t]))[0] for way in ways)
+        scene = Scene(np.concatenate([plan.segments, box(*first[:2], 0.4, 0.4)]))
+        seen = cloud(LASER.scan(t, scene, np.tile(second, (LASER.beams, 1)), rng), 12.0).outline
+        pair = [Pose.from_array(between(start, pose))
+                for start, pose in zip(starts, (first, second), strict=True)]
+        one.meet('b', Meeting(*pair, by_peer=seen))       # both know what the second one saw
+        two.meet('a', Meeting(*pair[::-1], seen))
+    for presence, peer, truth in ((one, 'b', between(*starts)),
+                                  (two, 'a', between(*starts[::-1]))):
+        assert presence.contradicted(peer, Pose()) >= TUNING.proof        # 22 m off
+        assert not presence.contradicted(peer, Pose.from_array(truth))
+
+
+def test_what_a_robot_sees_counts_where_it_may(rng: np.random.Generator) -> None:
+    """With the views that its own SLAM tells, in the time of its own clock."""
+    views, heard = bent_team()[0]['robot1'], {name: Heard() for name in 'ab'}
+    ahead = Pose(2.0, 0.0, 0.0)
+    for visible in (False, True):
+        session = FusionSession('a', TeamConfig(robots_visible=visible), FusionConfig(),
+                                lambda text: None)
+        session.begin('a', EPOCHS['robot1'], 0.0)
+        for batch in batches(views, EPOCHS['robot1']):
+            session.elastic.take_views('a', batch)
+        for stamp, pose in zip(views.stamps, views.poses, strict=True):
+            here = TimedPose(stamp, Pose.from_array(compose(pose, ahead)), P)
+            heard['b'].add_pose(here)
+            heard['a'].posed_at = stamp
+            heard['a'].add_pose(here._replace(pose=Pose.from_array(pose)))
+            session.presence.hear('b', here, heard['a'], stamp)
+        session.look_around(heard)
+        assert bool(session.presence.contradicted('b', Pose())) == visible
+        session.look_around(heard)      # every view once
 
 
 def test_poses_count_only_where_clocks_agree() -> None:

@@ -161,6 +161,7 @@ class FusionNode(ManagedNode):
         """Use all that arrived; offer the robot's own map to the peers where it changed."""
         self._view_inbox.drain()
         own = self._inbox.drain()
+        self._session.look_around(self._inbox.heard)
         if own is not None:
             self._link.share(own, self._session.epoch_of(self._name) or Epoch())
             self._publisher.learned(self._session.learned_own(), self._session.placed_peers())
