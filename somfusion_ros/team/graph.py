@@ -17,9 +17,10 @@ from scipy.special import chdtri
 from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, with_drift
 from somfusion_ros.team.pose_graph import component, Estimate, leave_one_out, optimise, PoseGraph
+from somfusion_ros.team.pose_graph import TUNING as SOLVING
 from somfusion_ros.team.voices import one_voice_each
 
-DIGITS = 3            # of chi-square; constraints that differ by less are equally bad
+ALIKE = 5e-4          # share of chi-square; constraints that differ by less are equally bad
 NAMED = 8             # robots that a reason names
 CONTRADICTIONS = 3    # of one author that are left out one by one; then all that it says is
 
@@ -114,14 +115,15 @@ def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str
     pairs = _numbered(names, voices)
     while left:
         members = [names[i] for i in component(len(names), pairs, names.index(left[0]))]
-        inside = [one for one in voices if one.target in members]
+        here = set(members)
+        inside = [one for one in voices if one.target in here]
         start = (np.array([between(near[members[0]], near[name]) for name in members])
                  if near else None)
         estimate, left_out = _consistent(members, inside, wrong, start)
         dropped += left_out
         groups.append({m: Pose.from_array(p) for m, p in zip(members, estimate.poses)})
         covariances |= dict(zip(members, estimate.covariances))
-        left = [name for name in left if name not in members]
+        left = [name for name in left if name not in here]
     groups.sort(key=lambda group: (-len(group), min(group)))
     return Solution(tuple(groups), covariances, tuple(dropped))
 
@@ -133,8 +135,8 @@ def _check(names: list[str], constraints: Sequence[MapConstraint]) -> None:
         if constraint.target == constraint.source or not {*constraint.robots} <= known:
             raise ValueError(f'constraint {" - ".join(constraint.robots)} does not join two '
                              f'robots of {names}')
-    numbers = np.array([(*c.T_target_source, *c.covariance.flat) for c in constraints])
-    finite = np.isfinite(numbers).reshape(-1, 12).all(axis=1)
+    measured, P = _measured(constraints)
+    finite = np.isfinite(measured).all(axis=1) & np.isfinite(P).all(axis=(1, 2))
     if not finite.all():
         wrong = constraints[int(finite.argmin())]
         raise ValueError(f'constraint {" - ".join(wrong.robots)} is not finite')
@@ -150,10 +152,11 @@ def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDA
 def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Mapping[str, int],
                 start: Array | None) -> tuple[Estimate, list[Dropped]]:
     """Solve one connected group, dropping constraints until the cycles agree."""
-    graph = PoseGraph(len(members), _numbered(members, constraints),
-                      np.array([c.T_target_source for c in constraints]).reshape(-1, 3),
-                      _information(constraints))
-    constraints, estimate = list(constraints), optimise(graph, start)
+    pairs, (measured, P) = _numbered(members, constraints), _measured(constraints)
+    times = _alike(pairs, [c.kind for c in constraints])
+    information = np.linalg.inv(with_drift(measured, P) * times[:, None, None])
+    graph = PoseGraph(len(members), pairs, measured, information)
+    constraints, estimate = list(constraints), optimise(graph, start, SOLVING.rough_step)
     dropped: list[Dropped] = []
     doubted = Counter(doubts)
     while _contradicts(graph, estimate):
@@ -167,23 +170,27 @@ def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Ma
         graph = graph.without(worst)
         if sum(one.constraint.author == wrong.author != '' for one in dropped) > CONTRADICTIONS:
             return estimate, dropped   # all that this author says is going to be left out
-        estimate = optimise(graph, estimate.poses)
-    return estimate, dropped
+        estimate = optimise(graph, estimate.poses, SOLVING.rough_step)
+    return optimise(graph, estimate.poses), dropped
 
 
-def _information(constraints: list[MapConstraint]) -> Array:
+def _measured(constraints: Sequence[MapConstraint]) -> tuple[Array, Array]:
+    """Return the poses (E, 3) of constraints, and their covariances (E, 3, 3)."""
+    poses = np.array([c.T_target_source for c in constraints], float).reshape(-1, 3)
+    return poses, np.array([c.covariance for c in constraints], float).reshape(-1, 3, 3)
+
+
+def _alike(pairs: NDArray[np.intp], kinds: list[str]) -> NDArray[np.intp]:
     """
-    Return information (E, 3, 3) of constraints; equal kinds of the same pair count as one.
+    Return how many constraints (E,) are of the same pair and kind; together they count as one.
 
     Both robots of a pair match the same walls, and sightings hang on the same poses: their errors
     are the same, so they are averaged as in covariance intersection with equal weights.
     """
-    alike = Counter((frozenset(c.robots), c.kind) for c in constraints)
-    times = np.array([alike[frozenset(c.robots), c.kind] for c in constraints], float)
-    P = with_drift(np.array([c.T_target_source for c in constraints]).reshape(-1, 3),
-                   np.array([c.covariance for c in constraints]).reshape(-1, 3, 3))
-    information: Array = np.linalg.inv(P * times[:, None, None])
-    return information
+    kind = np.unique(kinds, return_inverse=True)[1]
+    same, counts = np.unique(np.column_stack([np.sort(pairs, axis=1), kind]), axis=0,
+                             return_inverse=True, return_counts=True)[1:]
+    return np.asarray(counts[same.ravel()])
 
 
 def _contradicts(graph: PoseGraph, estimate: Estimate) -> bool:
@@ -206,8 +213,8 @@ def _worst_constraint(graph: PoseGraph, constraints: list[MapConstraint], estima
     In a single cycle all do equally well: there the word of the author goes that was wrong most
     often, then the least probable constraint, then the least known one.
     """
-    without = np.round(leave_one_out(graph, estimate), DIGITS)
-    alike = np.flatnonzero(without == without.min()).tolist()
+    without = leave_one_out(graph, estimate)
+    alike = np.flatnonzero(without <= without.min() + ALIKE * estimate.chi2.sum()).tolist()
     return min(alike, key=lambda number: (
         -doubted.get(constraints[number].author, 0), constraints[number].probability,
         float(np.linalg.det(graph.information[number]))))

@@ -30,6 +30,9 @@ class PoseGraphTuning:
         'below, nobody else does', 'by design')
     step_tolerance: float = tuned(
         1e-9, 'm, rad', 'a smaller step is none; all robots must find the same poses', 'by design')
+    rough_step: float = tuned(
+        1e-3, 'm, rad', 'the last one while constraints are still left out; what remains after '
+        'it changes chi-square by less than a ten-thousandth', 'triangles with one wrong pair')
 
 
 TUNING = PoseGraphTuning()
@@ -102,16 +105,17 @@ def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
     return np.flatnonzero(labels == labels[start]).tolist()
 
 
-def optimise(graph: PoseGraph, start: Array | None = None) -> Estimate:
+def optimise(graph: PoseGraph, start: Array | None = None,
+             tolerance: float = TUNING.step_tolerance) -> Estimate:
     """
-    Solve by Gauss-Newton.
+    Solve by Gauss-Newton, until a step is smaller than a tolerance [m, rad].
 
     From start (nodes, 3), or from the poses along a tree of the best-known constraints.
     """
     poses = _along_tree(graph) if start is None else start
     for _ in range(MAX_ITERATIONS):
         poses, step = _step(graph, poses)
-        if step < TUNING.step_tolerance:
+        if step < tolerance:
             break
     H, _, chi2 = _linearise(graph, poses)
     P = np.zeros((3 * graph.nodes, 3 * graph.nodes))
@@ -205,8 +209,9 @@ def _along_tree(graph: PoseGraph) -> Array:
     """Compose the measurements outward from node 0, best-known constraints first."""
     poses, placed = np.zeros((graph.nodes, 3)), np.arange(graph.nodes) == 0
     order = np.argsort(-np.linalg.det(graph.information), kind='stable')
+    first, second = graph.pairs[order].T
     while not placed.all():
-        leads_on = placed[graph.pairs[order]].sum(1) == 1
+        leads_on = placed[first] != placed[second]
         if not leads_on.any():
             raise ValueError('the graph is not connected')
         constraint = order[leads_on.argmax()]

@@ -3,6 +3,7 @@
 """What a liar can do to a team, and what it cannot: bounded time, one voice, no ghosts."""
 
 from collections.abc import Iterable
+from itertools import combinations
 import time
 import tracemalloc
 
@@ -77,6 +78,23 @@ def test_256_sightings_of_a_liar_end_in_time_and_move_nobody(rng: np.random.Gene
     for robot in list(truth)[:-1]:
         assert pose_error(group[robot], between(truth['r00'], truth[robot]))[0] < 0.5
     assert any(f'all that {liar} says is left out' in one.reason for one in solution.dropped)
+
+
+@pytest.mark.parametrize('liar', ['r00', 'r63'])
+def test_a_liar_among_64_who_all_know_one_another_ends_in_time_and_moves_nobody(
+        liar: str, rng: np.random.Generator) -> None:
+    truth, _ = honest_team(64, rng)
+    said = [MapConstraint(a, b, Pose.from_array(
+        between(truth[a], truth[b]) + rng.normal(0, (0.02, 0.02, 0.003))
+        + (author == liar) * rng.uniform(-9, 9, 3)), GOOD, 0.95, author=author)
+        for a, b in combinations(truth, 2) for author in (a, b)]
+    took, solution = cpu(solve, truth, said)
+    assert took < LONGEST
+    group, first = solution.group_of('r01'), truth['r01']
+    for robot in truth.keys() - {liar}:
+        assert pose_error(Pose.from_array(between(group['r01'], group[robot])),
+                          between(first, truth[robot]))[0] < 0.5
+    assert {one.constraint.author for one in solution.dropped} == {liar}
 
 
 def test_1750_ghosts_are_nobody() -> None:
