@@ -20,7 +20,6 @@ from somfusion_ros.team.pose_graph import component, Estimate, leave_one_out, op
 from somfusion_ros.team.pose_graph import TUNING as SOLVING
 from somfusion_ros.team.voices import one_voice_each
 
-ALIKE = 5e-4          # share of chi-square; constraints that differ by less are equally bad
 NAMED = 8             # robots that a reason names
 CONTRADICTIONS = 3    # of one author that are left out one by one; then all that it says is
 
@@ -214,7 +213,7 @@ def _worst_constraint(graph: PoseGraph, constraints: list[MapConstraint], estima
     often, then the least probable constraint, then the least known one.
     """
     without = leave_one_out(graph, estimate)
-    alike = np.flatnonzero(without <= without.min() + ALIKE * estimate.chi2.sum()).tolist()
+    alike = np.flatnonzero(without <= without.min() + SOLVING.alike * estimate.chi2.sum()).tolist()
     return min(alike, key=lambda number: (
         -doubted.get(constraints[number].author, 0), constraints[number].probability,
         float(np.linalg.det(graph.information[number]))))

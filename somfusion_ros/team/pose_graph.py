@@ -33,6 +33,9 @@ class PoseGraphTuning:
     rough_step: float = tuned(
         1e-3, 'm, rad', 'the last one while constraints are still left out; what remains after '
         'it changes chi-square by less than a ten-thousandth', 'triangles with one wrong pair')
+    alike: float = tuned(
+        5e-4, '', 'share of chi-square; constraints that differ by less are equally bad to leave '
+        'in', 'triangles with one wrong pair')
 
 
 TUNING = PoseGraphTuning()
