@@ -37,8 +37,8 @@ class HearingTuning:
         'robot is taken to go on evenly', 'by design')
     stepped: float = tuned(
         5.0, 's', 'a stamp that is so much older than the last is of a clock that was set back, '
-        'and one so far in the future of a clock that is ahead; a computer under load lags by '
-        'seconds', 'by design')
+        'one so far in the future of a clock that is ahead, and two clocks must not differ by '
+        'more in a sighting; a computer under load lags by seconds', 'by design')
     name_taken: float = tuned(
         15.0, 's', 'a name is not trusted for this time after two robots were heard under it; '
         'longer than a state takes to be repeated', 'by design')
@@ -48,11 +48,12 @@ TUNING = HearingTuning()
 
 
 class TimedPose(NamedTuple):
-    """T_map_base at a stamp [s] with its covariance (3, 3)."""
+    """T_map_base at a stamp [s] with its covariance (3, 3); arrived [s]: when it was heard."""
 
     stamp: float
     pose: Pose
     covariance: Array
+    arrived: float = float('nan')
 
 
 @dataclass
@@ -61,7 +62,6 @@ class Heard:
     What was heard of one robot: times [s] of a steady clock, bytes by channel, recent poses.
 
     view_ages [s]: how old its newest views were when the global map showed them first.
-    ahead [s]: by how much at least its clock is ahead of the listener's, 0 where it is not.
     """
 
     at: float = float('-inf')
@@ -71,9 +71,7 @@ class Heard:
     poses: deque[TimedPose] = field(default_factory=lambda: deque(maxlen=POSES_KEPT))
     trail: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRAIL_KEPT))
     taken_until: float = float('-inf')
-    posed_at: float = float('-inf')
     view_ages: deque[float] = field(default_factory=lambda: deque(maxlen=AGES_KEPT))
-    ahead: float = 0.0
     _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     _number: int = -1
 
@@ -126,9 +124,9 @@ class Heard:
     def after(self, stamp: float, now: float) -> float:
         """Return how far [s] in the robot's future a stamp [s] is; nan where it does not know."""
         poses = list(self.poses)
-        if not poses or now - self.posed_at > TUNING.sighting_tolerance:
+        if not poses or not now - poses[-1].arrived <= TUNING.sighting_tolerance:
             return float('nan')      # it does not know its own time
-        return stamp - poses[-1].stamp - (now - self.posed_at)
+        return stamp - poses[-1].stamp - (now - poses[-1].arrived)
 
     def future(self, stamp: float, now: float) -> float:
         """Return how far [s] in the robot's future a stamp [s] is; 0 where it may be past."""
@@ -164,7 +162,8 @@ def _interpolate(last: TimedPose, first: TimedPose, stamp: float) -> TimedPose:
     span = first.stamp - last.stamp
     share = (stamp - last.stamp) / span if span > 0 else 0.0
     step = share * between(last.pose, first.pose)
-    between_them = TimedPose(stamp, Pose.from_array(compose(last.pose, step)), last.covariance)
+    between_them = TimedPose(stamp, Pose.from_array(compose(last.pose, step)), last.covariance,
+                             last.arrived + share * (first.arrived - last.arrived))
     x, y, theta = between(last.pose, first.pose)
     sigma = 4.0 * share * (1.0 - share) * TUNING.uneven * np.array([np.hypot(x, y), theta])
     return _less_sure(between_them, *sigma)
@@ -174,6 +173,15 @@ def _less_sure(item: TimedPose, sigma_xy: float, sigma_theta: float) -> TimedPos
     """Add sigmas [m] [rad] to a pose."""
     more = np.diag([sigma_xy, sigma_xy, sigma_theta]) ** 2
     return item._replace(covariance=item.covariance + more)
+
+
+def same_time(one: TimedPose, other: TimedPose) -> bool:
+    """
+    Return whether two robots' poses of one stamp are of one time, as far as can be told.
+
+    Both came after as long, unless a clock is ahead, behind or was set, or one came late.
+    """
+    return bool(abs((one.arrived - one.stamp) - (other.arrived - other.stamp)) <= TUNING.stepped)
 
 
 def from_sighting(own: TimedPose, T_base_peer: Pose, covariance: Array,

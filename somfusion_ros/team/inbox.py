@@ -95,19 +95,17 @@ class Inbox:
             return
         self._compare_clocks(robot, item.stamp)
         if epoch is None or epoch == self._session.epoch_of(robot):
-            heard.add_pose(item)
+            heard.add_pose(item._replace(arrived=self._clock()))
             if robot != self.name:
                 self._session.presence.hear(robot, item, self.heard[self.name], self._clock())
 
     def _compare_clocks(self, robot: str, stamp: float) -> None:
-        """Note where a peer's clock is ahead of the robot's own: its poses do not fit in time."""
-        heard, now = self.heard[robot], self._clock()
+        """Count a peer's clock that is ahead of the robot's own: its poses do not fit in time."""
         if robot == self.name:
-            heard.posed_at = now
             return
-        heard.ahead = self.heard[self.name].future(stamp, now)
-        if heard.ahead:
-            self._count(f'clock_of_{robot}_ahead', f'by {heard.ahead:.0f} s; it cannot be used in '
+        ahead = self.heard[self.name].future(stamp, self._clock())
+        if ahead:
+            self._count(f'clock_of_{robot}_ahead', f'by {ahead:.0f} s; it cannot be used in '
                         'sightings')
 
     def keep_transform(self, owner: str, peer: str, message: Any,

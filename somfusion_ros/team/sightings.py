@@ -10,7 +10,7 @@ from typing import NamedTuple
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.heard import from_sighting, Heard
+from somfusion_ros.team.heard import from_sighting, Heard, same_time
 
 WAITING = 50      # sightings that wait at most
 
@@ -59,8 +59,7 @@ class Sightings:
                 self._waiting.append(sighting)
                 continue
             own, peer = (heard and heard.pose_at(sighting.stamp) for heard in pair)
-            ahead = any(heard and heard.ahead for heard in pair)
-            if own and peer and not ahead and sighting.peer != self._name:
+            if own and peer and same_time(own, peer) and sighting.peer != self._name:
                 self._take(MapConstraint(self._name, sighting.peer, *from_sighting(
                     own, sighting.T_base_peer, sighting.covariance, peer), kind='sighting'))
             else:

@@ -20,6 +20,7 @@ from somfusion_ros.team.graph import solve
 from somfusion_ros.team.heard import Heard, TimedPose, TUNING
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.kept_views import encode_kept
+from somfusion_ros.team.sightings import Sighting, Sightings
 from somfusion_ros.team.view_facts import decode_view, Facts
 from somfusion_ros.team.view_inbox import ViewInbox
 from somfusion_ros.team.view_store import decode_batch, EACH, encode_batches, FEW, ViewStore
@@ -183,13 +184,35 @@ def test_a_pose_between_poses_is_less_sure_and_one_from_before_a_step_back_is_no
 def test_a_clock_that_is_ahead_is_known_by_stamps_of_the_future() -> None:
     heard = Heard()
     assert heard.future(1e6, 0.0) == 0.0       # it does not know its own time yet
-    heard.add_pose(TimedPose(50.0, Pose(), GOOD))
-    heard.posed_at = 7.0
+    heard.add_pose(TimedPose(50.0, Pose(), GOOD, 7.0))
     assert heard.future(50.0 + 2.0 * TUNING.stepped, 7.2) == pytest.approx(
         2.0 * TUNING.stepped - 0.2)
     assert heard.future(50.0 + 0.9 * TUNING.stepped, 7.2) == 0.0
     assert heard.future(0.0, 7.2) == 0.0
     assert heard.future(90.0, 9.0) == 0.0      # its own SLAM is silent
+
+
+@pytest.mark.parametrize(('step', 'late', 'used'), [
+    (0.0, 0.0, True), (0.0, 4.0, True), (0.0, 20.0, False), (-20.0, 0.0, False),
+    (-3600.0, 0.0, False), (20.0, 0.0, False)])
+def test_a_sighting_counts_only_where_both_poses_are_of_one_time(step: float, late: float,
+                                                                 used: bool) -> None:
+    """
+    The peer's poses are there, but of another time: a clock was set, or they came late.
+
+    The peer stands, and says no new pose after the step: so chaos found it.
+    """
+    heard, taken, counted = {'a': Heard(), 'b': Heard()}, [], []
+    sightings = Sightings('a', heard, taken.append, lambda kind, reason='': counted.append(kind))
+    for k in range(100):
+        stamp = 5000.0 + k
+        heard['b'].add_pose(TimedPose(stamp + step, Pose(0.5 * k), GOOD, 70.0 + k + late))
+    now = 5090.0
+    heard['a'].add_pose(TimedPose(now - 0.1, Pose(), GOOD, 159.9))
+    heard['a'].add_pose(TimedPose(now + 0.1, Pose(), GOOD, 160.1))
+    sightings.add(Sighting('b', now, Pose(1.0), GOOD, 160.0))
+    sightings.settle(164.0)
+    assert (len(taken), counted) == ((1, []) if used else (0, ['encounters_unusable']))
 
 
 def test_bonds_that_are_handed_on_late_do_not_replace_what_a_robot_says_itself() -> None:
