@@ -5,6 +5,7 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 
+from somfusion_ros.team.bond_message import BondHearer, BondMessage
 from somfusion_ros.team.channels import BONDS, VIEWS
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.heard import Heard
@@ -22,6 +23,7 @@ class ViewInbox:
         self._batches: dict[str, deque[bytes]] = {}
         self._bonds: dict[str, bytes] = {}
         self._direct: set[str] = set()     # robots that told their bonds themselves
+        self._hearer = BondHearer()
 
     def keep_batch(self, robot: str, data: bytes) -> None:
         """Keep what a robot told of its path; every batch counts."""
@@ -29,10 +31,16 @@ class ViewInbox:
         self._batches.setdefault(robot, deque(maxlen=MOST_BATCHES)).append(data)
 
     def keep_bonds(self, robot: str, data: bytes) -> None:
-        """Keep the bonds that a robot tells now."""
+        """Keep the bonds that a robot tells now, unless it told others since."""
         self._note(robot, BONDS, data)
+        try:
+            message = BondMessage.decode(data)
+        except ValueError as error:
+            self._count(f'{BONDS}_of_{robot}_unusable', str(error))
+            return
         self._direct.add(robot)
-        self._bonds[robot] = data
+        if self._hearer.newer(robot, message):
+            self._bonds[robot] = message.bonds
 
     def keep_kept(self, robot: str, data: bytes) -> None:
         """

@@ -13,6 +13,7 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team import view_store
 from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, ToldBond
+from somfusion_ros.team.bond_message import BondMessage
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.fact import LOOP
@@ -223,7 +224,7 @@ def test_bonds_that_are_handed_on_late_do_not_replace_what_a_robot_says_itself()
     kept = encode_kept([], one.own_bonds())
     for of_itself, holds in ((None, True), (encode_bonds([]), False)):
         if of_itself is not None:
-            inbox.keep_bonds('robot1', of_itself)
+            inbox.keep_bonds('robot1', BondMessage('s', 1, of_itself).encode())
         inbox.keep_kept('robot1', kept)
         inbox.drain()
         two.update(world, EPOCHS, 'robot1')

@@ -11,12 +11,14 @@ maps are of use.
 from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
+from uuid import uuid4
 
 from nav_msgs.msg import Path
 import numpy as np
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import path_message, pose_from_message
 from somfusion_ros.ros.fusion.team_messages import bytes_from_message, bytes_message
+from somfusion_ros.team.bond_message import BondTeller
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.view_inbox import ViewInbox
 from std_msgs.msg import UInt8MultiArray
@@ -33,7 +35,7 @@ class ViewLink:
                  inbox: ViewInbox, count: Callable[..., None]) -> None:
         self._node, self._session, self._inbox, self._count = node, session, inbox, count
         self._wanted: set[str] = set()
-        self._said = b''      # that there are none is told, too: others know those of before
+        self._teller = BondTeller(uuid4().hex[:12])
         self._bonds = node.create_publisher(UInt8MultiArray, f'{prefix}{names.TEAM_BONDS}',
                                             qos.LATCHED)
         own = node.create_subscription(UInt8MultiArray, names.VIEWS,
@@ -56,9 +58,8 @@ class ViewLink:
 
     def say(self) -> None:
         """Publish the bonds that this robot tells, where they changed."""
-        data = self._session.elastic.own_bonds()
-        if data != self._said:
-            self._said = data
+        data = self._teller.more(self._session.elastic.own_bonds())
+        if data is not None:
             self._bonds.publish(bytes_message(data))
 
     def say_joint(self, frame: str) -> None:

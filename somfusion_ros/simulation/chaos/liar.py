@@ -11,6 +11,7 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.simulation.chaos.network import Delivery, Network
 from somfusion_ros.simulation.chaos.view_lies import absurd_batches, bonds_with, stolen
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.team.bond_message import BondMessage
 from somfusion_ros.team.channels import BONDS, CHANGES, MAP, POSE, STATE, VIEWS
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot
@@ -145,7 +146,8 @@ class Liar:
                 self._network.publish(self.name, VIEWS, mine, len(mine), now, log=True)
             self._views[robot] = []
         epochs = {robot: state.epoch or EPOCH for robot, state in self._heard.items()}
-        data = bonds_with(self.name, EPOCH, epochs, self._rng, int(self._rng.integers(1, 3)))
+        data = BondMessage('11a7', self._number, bonds_with(
+            self.name, EPOCH, epochs, self._rng, int(self._rng.integers(1, 3)))).encode()
         self._network.publish(self.name, BONDS, data, len(data), now)
 
 

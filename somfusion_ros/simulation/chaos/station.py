@@ -57,8 +57,8 @@ class Station:
                                      self._steady, matching)
         self.inbox = Inbox(name, self.session, MAX_CELLS, self._count, self._steady)
         self.inbox.heard[name] = Heard()
-        self.views = ViewEnd(name, self.session, self.inbox.heard, network, self._count,
-                             self._steady)
+        self.views = ViewEnd(name, session, self.session, self.inbox.heard, network,
+                             self._count, self._steady)
         self.sightings = Sightings(name, self.inbox.heard, self.session.take_sighting,
                                    self._count)
         self._outbox = Outbox(session)

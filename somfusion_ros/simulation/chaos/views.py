@@ -7,6 +7,7 @@ from typing import Any
 
 from somfusion_ros.simulation.chaos.network import Delivery, Network
 from somfusion_ros.simulation.chaos.records import Playing
+from somfusion_ros.team.bond_message import BondTeller
 from somfusion_ros.team.channels import BONDS, VIEWS
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.session import FusionSession
@@ -17,12 +18,13 @@ from somfusion_ros.team.view_store import encode_batches
 class ViewEnd:
     """What slam_node tells of its path, and what fusion_node does with that of all."""
 
-    def __init__(self, name: str, session: FusionSession, heard: Mapping[str, Heard],
-                 network: Network, count: Callable[..., None], clock: Callable[[], float]) -> None:
+    def __init__(self, name: str, start: str, session: FusionSession,
+                 heard: Mapping[str, Heard], network: Network, count: Callable[..., None],
+                 clock: Callable[[], float]) -> None:
         self._name, self._session, self._network = name, session, network
         self._inbox = ViewInbox(session.elastic, heard, count, clock)
         self._telling, self._told = '', 0
-        self._said = b''      # that there are none is told, too: others know those of before
+        self._teller = BondTeller(start)
 
     def tell(self, slam: Playing, now: float) -> None:
         """Tell what is new of the path; of another map, or after a restart, all of it."""
@@ -59,7 +61,6 @@ class ViewEnd:
 
     def say(self, now: float) -> None:
         """Tell the bonds that this robot found, where they changed."""
-        data = self._session.elastic.own_bonds()
-        if data != self._said:
-            self._said = data
+        data = self._teller.more(self._session.elastic.own_bonds())
+        if data is not None:
             self._network.publish(self._name, BONDS, data, len(data), now)

@@ -1,0 +1,66 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of bonds: whatever comes late, doubled or out of order, what was told last counts."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from somfusion_ros.team.bond_message import BondHearer, BondMessage, BondTeller
+from somfusion_ros.team.view_inbox import ViewInbox
+
+SESSION = st.text('0123456789abcdef', min_size=1, max_size=32)
+
+
+@given(session=SESSION, number=st.integers(0, 2 ** 32 - 1), bonds=st.binary(max_size=50),
+       cut=st.integers(0, 40))
+def test_a_message_is_read_as_it_was_told_and_a_part_of_its_head_is_refused(
+        session: str, number: int, bonds: bytes, cut: int) -> None:
+    message = BondMessage(session, number, bonds)
+    data = message.encode()
+    assert BondMessage.decode(data) == message
+    head = len(data) - len(bonds)
+    with pytest.raises(ValueError, match='a message of bonds'):
+        BondMessage.decode(data[:min(cut, head - 1)])
+
+
+@given(data=st.binary(max_size=60))
+def test_noise_is_a_message_or_refused_with_a_line(data: bytes) -> None:
+    try:
+        assert BondMessage.decode(data).encode() == data
+    except ValueError as error:
+        assert 'a message of bonds' in str(error)
+
+
+@given(order=st.permutations([1, 1, 2, 3, 4, 4]), again=st.booleans())
+def test_the_last_of_a_session_counts_in_any_order(order: list[int], again: bool) -> None:
+    told: list[bytes] = []
+    counted: list[str] = []
+    inbox = ViewInbox(_taking(told), {}, lambda kind, reason='': counted.append(kind), lambda: 0.0)
+    for number in order:
+        inbox.keep_bonds('robot1', BondMessage('one', number, b'%d' % number).encode())
+        if again:
+            inbox.drain()
+    inbox.drain()
+    assert told[-1] == b'4'
+    inbox.keep_bonds('robot1', BondMessage('two', 1, b'after a restart').encode())
+    inbox.keep_bonds('robot1', b'\1')
+    inbox.drain()
+    assert told[-1] == b'after a restart'
+    assert counted == ['bonds_of_robot1_unusable']
+
+
+def test_bonds_are_told_where_they_changed() -> None:
+    teller, hearer = BondTeller('one'), BondHearer()
+    told = [teller.more(bonds) for bonds in (b'none', b'none', b'one', b'none')]
+    assert [message is None for message in told] == [False, True, False, False]
+    messages = [BondMessage.decode(message) for message in told if message is not None]
+    assert [hearer.newer('robot1', message) for message in messages] == 3 * [True]
+    assert not hearer.newer('robot1', messages[0])
+
+
+def _taking(told: list[bytes]) -> object:
+    """Return an elastic session that notes the bonds that it is handed."""
+    class Elastic:
+        def take_bonds(self, robot: str, bonds: bytes) -> None:
+            told.append(bonds)
+    return Elastic()
