@@ -135,8 +135,7 @@ def test_what_a_robot_sees_counts_where_it_may(rng: np.random.Generator) -> None
         for stamp, pose in zip(views.stamps, views.poses, strict=True):
             here = TimedPose(stamp, Pose.from_array(compose(pose, ahead)), P)
             heard['b'].add_pose(here)
-            heard['a'].posed_at = stamp
-            heard['a'].add_pose(here._replace(pose=Pose.from_array(pose)))
+            heard['a'].add_pose(here._replace(pose=Pose.from_array(pose), arrived=stamp))
             session.presence.hear('b', here, heard['a'], stamp)
         session.look_around(heard)
         assert bool(session.presence.contradicted('b', Pose())) == visible
@@ -146,8 +145,7 @@ def test_what_a_robot_sees_counts_where_it_may(rng: np.random.Generator) -> None
 def test_poses_count_only_where_clocks_agree() -> None:
     own, presence = Heard(), Presence()
     for k in range(20):
-        own.add_pose(TimedPose(float(k), WAY[k], P))
-        own.posed_at = float(k)
+        own.add_pose(TimedPose(float(k), WAY[k], P, float(k)))
         for peer, late in (('b', 0.0), ('late', 2.0), ('early', -2.0)):
             presence.hear(peer, TimedPose(k - late, WAY[k], P), own, float(k))
     assert presence.contradicted('b', Pose())
