@@ -24,7 +24,8 @@ SURE = 3.5           # sigmas, and
 NEAR = 0.5           # [m] within which an accepted transform must be
 BENT = 1.0           # [m] within which views must leave it,
 PATIENCE = 15.0      # [s] after which they must: what is shown moves in steps
-TOLD = 40.0          # [s] after which two ends that looked alike must not be taken for one
+TOLD = 60.0          # [s] after which two ends that looked alike must not be taken for one, also
+#                      where a node began anew meanwhile, and four refusals have yet to come
 FAR = 1e5            # [m] from where on a pose is absurd
 HALF = 0.5           # of evidence; cells that differ by less say the same
 # What a station must count once it heard a lie of a kind on a channel.
