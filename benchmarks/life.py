@@ -8,12 +8,13 @@ usage: python -m benchmarks.life [HOURS [WORLD [STATE]]]      default 2 office
               town (streets of 500 x 500 m; ten kilometres take 3 hours)
        STATE: a file to write the state to at the end, and to go on from
 
-Prints a row per simulated half-hour: hours; kilometres; views; scans kept for the map;
-memory [MB] of the process; milliseconds of CPU per scan on the scan path, as the mean and the
-longest, and beside it (loops); of one redraw; median and largest error [m] of the pose told; mean
+Prints a row per simulated half-hour: hours; kilometres; views; scans kept for the map; memory
+[MB] that the SLAM holds, and of the process; milliseconds of CPU per scan on the scan path, as the
+mean and the longest, and beside it (loops); of a redraw as a node does it, as the mean and the
+longest of one each three minutes; median and largest error [m] of the pose told; mean
 normalised estimation error squared of the pose (3 if honest). Lasers of 2.5 or 6 scans a second,
 so that a day takes 20 minutes to compute. With a STATE, at last its length, and
-the seconds of CPU to read it and to be ready for the first scan. Asserts nothing.
+the seconds of CPU to read it, to be ready for the first scan, and to draw it. Asserts nothing.
 """
 
 import os
@@ -24,7 +25,10 @@ import time
 for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
     os.environ.setdefault(name, '1')
 
-from dataclasses import dataclass, field, replace  # noqa: E402, I100
+from collections import deque  # noqa: E402, I100
+from dataclasses import dataclass, field, replace  # noqa: E402
+from types import FunctionType, ModuleType  # noqa: E402
+from typing import Any  # noqa: E402
 
 from benchmarks.data.errands import World, WORLDS  # noqa: E402
 import numpy as np  # noqa: E402
@@ -38,6 +42,8 @@ from somfusion_ros.slam.scan import Scan  # noqa: E402
 from somfusion_ros.slam.slam import Slam  # noqa: E402
 
 ROW = 0.5         # [h] of a row, about
+DRIVE = 0.05      # [h] that are simulated at once
+DRAWN_AT_ONCE = 1000   # moved scans of a redraw, as in ros/slam/pipeline.py
 TURNS = 0.8       # of its top speed, on the way, for what a robot loses in turns
 PAUSE = 0.5       # [s] between two rows
 TRAVEL = 0.16     # [m] between two scans
@@ -45,10 +51,11 @@ TRAVEL = 0.16     # [m] between two scans
 
 @dataclass
 class Told:
-    """What a row is made of, per scan: CPU time [s], error [m], normalised error squared."""
+    """What a row is made of: CPU time [s] per scan and redraw, error [m], NEES per scan."""
 
     path: list[float] = field(default_factory=list)
     beside: list[float] = field(default_factory=list)
+    drawn: list[float] = field(default_factory=list)
     error: list[float] = field(default_factory=list)
     nees: list[float] = field(default_factory=list)
 
@@ -72,8 +79,18 @@ class Life:
             length += float(np.hypot(*(points[-1] - points[-2])))
         return np.array(points)
 
-    def drive(self, hours: float = ROW) -> Told:
-        """Drive for some time; return what it took and how far the SLAM was off."""
+    def live(self, hours: float = ROW) -> Told:
+        """Live for some time; return what it took and how far the SLAM was off."""
+        told, end = Told(), self.clock + 3600.0 * hours
+        while self.clock < end:
+            self._drive(told)
+            t0 = time.process_time()
+            self.slam.grid(DRAWN_AT_ONCE)
+            told.drawn.append(time.process_time() - t0)
+        return told
+
+    def _drive(self, told: Told, hours: float = DRIVE) -> None:
+        """Drive for some time; add what it took and how far the SLAM was off."""
         stamps, poses = drive.follow(self._route(hours), float(self._pose[2]), self.world.speed,
                                      np.inf)
         whole = slice((len(stamps) - 1) // ODOMETRY_EVERY * ODOMETRY_EVERY + 1)
@@ -82,7 +99,7 @@ class Life:
         trial = simulate_trial(
             lambda t: self.world.around(drive.at(stamps, poses, np.array([t]))[0]), stamps, poses,
             laser, self._rng, self._wheels)
-        told, begin, clock = Told(), self._odometry, self.clock + PAUSE
+        begin, clock = self._odometry, self.clock + PAUSE
         at = np.array([scan.stamp for scan in trial.scans])
         odometry = compose(begin, between(trial.odometry[0], drive.at(
             trial.odometry_stamps, trial.odometry, at)))
@@ -92,7 +109,6 @@ class Life:
         self._odometry = compose(begin, between(trial.odometry[0], trial.odometry[-1]))
         self._pose, self.clock = poses[-1], clock + float(stamps[-1])
         self.metres += float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-        return told
 
     def _step(self, scan: Scan, odometry: Array, truth: Array, told: Told) -> None:
         """Process one scan, taken where the wheels have the robot, and where it truly was."""
@@ -107,6 +123,23 @@ class Life:
         told.error.append(float(np.hypot(e[0], e[1])))
         if step.covariance[2, 2] > 1e-12:
             told.nees.append(float(e @ np.linalg.solve(step.covariance, e)))
+
+
+def size_of(thing: Any, seen: set[int]) -> int:
+    """Return the bytes of the arrays, lists and objects that are reached from a thing."""
+    if id(thing) in seen or isinstance(thing, (type, ModuleType, FunctionType)):
+        return 0
+    seen.add(id(thing))
+    size, parts = sys.getsizeof(thing), list[Any]()
+    if isinstance(thing, np.ndarray):
+        parts = [thing.base]
+    elif isinstance(thing, dict):
+        parts = [*thing.keys(), *thing.values()]
+    elif isinstance(thing, (list, tuple, set, frozenset, deque)):
+        parts = list(thing)
+    elif hasattr(thing, '__dict__'):
+        parts = [vars(thing)]
+    return size + sum(size_of(part, seen) for part in parts)
 
 
 def memory() -> float:
@@ -133,16 +166,15 @@ def restart(life: Life, path: str) -> None:
 
 
 def row(life: Life, told: Told) -> str:
-    """Draw the map, and return a line of what a drive took."""
-    t0 = time.process_time()
-    life.slam.grid()
-    drawn = time.process_time() - t0
-    state = life.slam.checkpoint()
-    path, showing = 1e3 * np.array(told.path), sum(len(cloud) > 0 for cloud in state.clouds)
+    """Return a line of what some time took."""
+    state, held = life.slam.checkpoint(), size_of(life.slam, set()) / 2 ** 20
+    path, drawn = 1e3 * np.array(told.path), 1e3 * np.array(told.drawn)
+    showing = sum(len(cloud) > 0 for cloud in state.clouds)
     return (f'{life.clock / 3600.0:6.2f} {life.metres / 1e3:6.2f} {showing:6} '
-            f'{len(state.scans):6} {memory():6.0f} {path.mean():8.2f} {path.max():8.0f} '
-            f'{1e3 * np.mean(told.beside):10.2f} {1e3 * drawn:10.0f} '
-            f'{np.median(told.error):7.3f} {max(told.error):8.3f} {np.mean(told.nees):6.2f}')
+            f'{len(state.scans):6} {held:6.1f} {memory():6.0f} {path.mean():8.2f} '
+            f'{path.max():8.0f} {1e3 * np.mean(told.beside):10.2f} {drawn.mean():8.0f} '
+            f'{drawn.max():8.0f} {np.median(told.error):7.3f} {max(told.error):8.3f} '
+            f'{np.mean(told.nees):6.2f}')
 
 
 def main() -> None:
@@ -150,10 +182,10 @@ def main() -> None:
     hours = float(sys.argv[1]) if len(sys.argv) > 1 else 2.0
     world = WORLDS[sys.argv[2] if len(sys.argv) > 2 else 'office']()
     life = Life(world, np.random.default_rng(16))
-    print(' hours     km  views  scans     MB  ms path  longest  ms beside  redraw ms   error'
-          '  largest   NEES')
+    print(' hours     km  views  scans   held     MB  ms path  longest  ms beside ms drawn'
+          '  longest   error  largest   NEES')
     while life.clock < 3600.0 * hours:
-        print(row(life, life.drive()), flush=True)
+        print(row(life, life.live()), flush=True)
     if len(sys.argv) > 3:
         restart(life, sys.argv[3])
 

@@ -166,5 +166,5 @@ def _map_scan(number: int, scan: MapScan) -> bytes:
 
 def _outline(outline: Outline) -> dict[str, Array]:
     """Return the arrays of an outline."""
-    return {'ends': outline.ends.astype(np.float32), 'reach': outline.reach.astype(np.float32),
+    return {'ends': outline.ends, 'reach': outline.reach,
             'hit': np.packbits(outline.hit), 'origin': outline.origin}

@@ -142,7 +142,7 @@ def _cloud(a: dict[str, Array]) -> Cloud:
 
 def _outline(a: dict[str, Array]) -> Outline:
     """Return the outline of a record."""
-    ends, reach = a['ends'].astype(float), a['reach'].astype(float)
+    ends, reach = a['ends'].astype(np.float32), a['reach'].astype(np.float32)   # copies
     if ends.shape != (len(reach), 2) or a['origin'].shape != (2,):
         raise ValueError('beams do not fit their reach')
     hit = np.unpackbits(a['hit'], count=len(reach)).astype(bool)

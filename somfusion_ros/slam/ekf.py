@@ -21,25 +21,26 @@ from somfusion_ros.geometry import (Array, between, between_jacobians, compose, 
                                     difference, wrap)
 from somfusion_ros.slam import hanging, smoothing
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.hanging import ANCHORS, Hanging
 from somfusion_ros.slam.reduction import reduce_to
 
 GROWTH = 64    # views of room that P grows by, at least
 RECENT = 64    # newest views, which all stay in P
 MOST = 1000    # views in P: 72 MB, and 10 ms to fuse a loop
+AT_ONCE = 4    # anchors that are let go with a new view: 2 to 8 ms
 
 
 class DelayedStateEkf:
     """Mean (n, 3) and covariance of n view poses in the map frame; view 0 is the origin."""
 
-    def __init__(self, anchors: int = ANCHORS) -> None:
+    def __init__(self, anchors: int = hanging.ANCHORS) -> None:
         self.n = 0
         self._anchors = anchors
         self._x = np.zeros((GROWTH, 3))
         self._P = np.zeros((3 * GROWTH, 3 * GROWTH), order='F')
         self._slot = np.full(GROWTH, -1)       # place of each view in P, -1: marginalised
         self._free = list(range(GROWTH))[::-1]
-        self._hanging = Hanging(GROWTH)        # marginalised views
+        self._hanging = hanging.Hanging(GROWTH)        # marginalised views
+        self._surplus = list[int]()            # anchors that are to be let go
         self.parents = np.arange(-1, GROWTH)   # view that each view was added from
 
     @property
@@ -66,8 +67,7 @@ class DelayedStateEkf:
         The first view, with any arguments, is the origin and certain. Returns the view's index.
         """
         self._marginalise(self.n - RECENT)
-        if self.kept.sum() >= MOST and 2 * self._anchors < RECENT:
-            self._thin()
+        self._thin()
         self._make_room()
         k = self.n
         self._slot[k] = self._free.pop()
@@ -95,12 +95,18 @@ class DelayedStateEkf:
                          R * hanging.loosely(before, after, self._anchors))
 
     def _thin(self) -> None:
-        """Marginalise every second anchor of long chains."""
-        self._anchors *= 2
-        anew = hanging.anew(self.kept[:self.n - RECENT], self.parents, self._anchors)
-        spread = [self.relative(before, k)[1] for k, before, _ in anew]
-        for (k, before, after), R in zip(anew, spread, strict=True):
-            self._let_go(k, before, after, R)
+        """Where P is full, let every second anchor of long chains go, a few with each view."""
+        if not self._surplus and self.kept.sum() >= MOST and 2 * self._anchors < RECENT:
+            self._anchors *= 2
+            self._surplus = hanging.surplus(self.kept[:self.n - RECENT], self.parents,
+                                            self._anchors)
+        for anchor in self._surplus[:AT_ONCE]:
+            views = [anchor, *self._hanging.on(anchor)]
+            anew = hanging.anew(views, self.parents, self._anchors, self._anchor)
+            spread = [self.relative(before, k)[1] for k, before, _ in anew]
+            for (k, before, after), R in zip(anew, spread, strict=True):
+                self._let_go(k, before, after, R)
+        del self._surplus[:AT_ONCE]
 
     def _let_go(self, k: int, before: int, after: int, R: Array) -> None:
         """Let view k hang between two anchors, seen from the first with covariance R (3, 3)."""
@@ -124,16 +130,10 @@ class DelayedStateEkf:
 
     def _anchored(self, constraint: Constraint) -> Constraint:
         """Carry a constraint over to the anchors of its views, which are taken to be rigid."""
-        i, j = self._anchor(constraint.first), self._anchor(constraint.second)
-        if (i, j) == (constraint.first, constraint.second):
-            return constraint
-        x = self._x
-        z = compose(compose(between(x[i], x[constraint.first]), constraint.z),
-                    between(x[constraint.second], x[j]))
-        A, B = between_jacobians(x[constraint.first], x[constraint.second])
-        R = (constraint.R + A @ self._loose(constraint.first) @ A.T
-             + B @ self._loose(constraint.second) @ B.T)
-        return Constraint(i, j, z, R)
+        views = constraint.first, constraint.second
+        anchors = self._anchor(views[0]), self._anchor(views[1])
+        return constraint if anchors == views else hanging.carried(
+            constraint, anchors, self._x, *map(self._loose, views))
 
     def ahead(self, T_view_base: Array, Q: Array, view: int) -> tuple[Array, Array]:
         """Return pose (3,) and covariance (3, 3) in the map after a motion from a view."""
@@ -226,7 +226,7 @@ class DelayedStateEkf:
         ekf._P = np.zeros((3 * (K + GROWTH), 3 * (K + GROWTH)), order='F')
         if K > 1:
             ekf._P[:3 * K, :3 * K] = smoothing.covariance(poses[kept], reduced.between_kept())
-        ekf._hanging = Hanging(n + GROWTH)
+        ekf._hanging = hanging.Hanging(n + GROWTH)
         for k in np.flatnonzero(~reduced.kept).tolist():
             before, after = reduced.anchors[k].tolist()
             ekf._hanging.hang(k, before, after, poses, reduced.spread[k])

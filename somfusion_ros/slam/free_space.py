@@ -1,9 +1,8 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a scan tells of walls and of free space, for the map: worked out once it is drawn."""
+"""What a scan tells of walls and of free space, for the map."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,33 +19,34 @@ class Outline:
     The beams of a scan in the robot's base frame.
 
     ends (B, 2) [m] of the beams, reach (B,) [m] up to which they saw (0 where they tell nothing),
-    the mask hit (B,) of those that returned, and the laser's origin (2,) [m].
+    the mask hit (B,) of those that returned, and the laser's origin (2,) [m]. Thousands are kept,
+    so they are in single precision, and what is drawn of them is worked out whenever it is drawn.
     """
 
-    ends: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    reach: Array = field(default_factory=lambda: np.zeros(0))
+    ends: Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    reach: Array = field(default_factory=lambda: np.zeros(0, np.float32))
     hit: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     origin: Array = field(default_factory=lambda: np.zeros(2))
 
+    def surface(self) -> tuple[Array, Array]:
+        """
+        Return what was hit.
+
+        Every return and the wall between them (K, 2); both ends (2 L, 2) of each piece of surface
+        between neighbouring returns.
+        """
+        return _walls(self.ends[self.hit].astype(float), np.flatnonzero(self.hit),
+                      self.reach[self.hit])
+
     @property
-    def hits(self) -> NDArray[np.float32]:
+    def hits(self) -> Array:
         """Every return and the wall between them (K, 2)."""
-        return self._surface[0]
+        return self.surface()[0]
 
     @property
-    def walls(self) -> NDArray[np.float32]:
-        """Both ends (2 L, 2) of each piece of surface between neighbouring returns."""
-        return self._surface[1]
-
-    @cached_property
-    def _surface(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        hits, walls = _walls(self.ends[self.hit], np.flatnonzero(self.hit), self.reach[self.hit])
-        return hits.astype(np.float32), walls.astype(np.float32)   # of thousands of scans
-
-    @cached_property
-    def rim(self) -> NDArray[np.float32]:
+    def rim(self) -> Array:
         """Polygon (M, 2) of the space that the beams passed, closed through the origin."""
-        return _rim(self.ends, self.reach, self.origin).astype(np.float32)
+        return _rim(self.ends, self.reach, self.origin)
 
 
 def _walls(hits: Array, beams: NDArray[np.intp], ranges: Array) -> tuple[Array, Array]:

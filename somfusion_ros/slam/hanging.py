@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Marginalised views: where they hang between the anchors that stay in the filter."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.geometry import Array, between, compose
+from somfusion_ros.geometry import Array, between, between_jacobians, compose
+from somfusion_ros.slam.constraint import Constraint
 
 ANCHORS = 4   # one of so many old views is an anchor, where the map is not long
 SHORT = 3     # views of a chain so short that it hangs on the view that it was begun from
@@ -43,21 +46,42 @@ def loosely(before: int, after: int, every: int) -> bool:
     return before == after or every > ANCHORS
 
 
-def anew(kept: NDArray[np.bool_], parents: NDArray[np.intp], every: int
-         ) -> list[tuple[int, int, int]]:
-    """
-    Return the views k that hang once only one of `every` stays, and the anchors of each.
+def surplus(kept: NDArray[np.bool_], parents: NDArray[np.intp], every: int) -> list[int]:
+    """Return the anchors, of the old views' mask kept (m,), that go where one of `every` stays."""
+    return [k for k in np.flatnonzero(kept).tolist()
+            if k > 0 and ends(k, parents, every) is not None]
 
-    kept (m,): which of the old views are anchors now.
+
+def anew(views: Sequence[int], parents: NDArray[np.intp], every: int,
+         anchor: Callable[[int], int]) -> list[tuple[int, int, int]]:
     """
-    first, hung = np.arange(len(parents)), []
-    for k in range(1, len(kept)):
+    Return the views that hang anew once an anchor goes, and the anchors before and after each.
+
+    views: that anchor, and those that hang on it; anchor(k): the anchor of any other view.
+    """
+    first, hung = dict[int, int](), []
+    for k in sorted(views):
         between_ends = ends(k, parents, every)
         if between_ends is not None:
-            before, after = (int(first[end]) for end in between_ends)
+            before, after = (first[end] if end in first else anchor(end) for end in between_ends)
             first[k] = before
             hung.append((k, before, after))
     return hung
+
+
+def carried(constraint: Constraint, anchors: tuple[int, int], poses: Array, loose_first: Array,
+            loose_second: Array) -> Constraint:
+    """
+    Carry a constraint over to the anchors of its views, which are taken to be rigid.
+
+    loose: the covariances (3, 3) of its views beyond their anchors'.
+    """
+    (i, j), first, second = anchors, constraint.first, constraint.second
+    z = compose(compose(between(poses[i], poses[first]), constraint.z),
+                between(poses[second], poses[j]))
+    A, B = between_jacobians(poses[first], poses[second])
+    R = constraint.R + A @ loose_first @ A.T + B @ loose_second @ B.T
+    return Constraint(i, j, z, R)
 
 
 def _stays(k: int, parents: NDArray[np.intp], every: int) -> bool:
@@ -92,6 +116,11 @@ class Hanging:
     def anchor(self, k: int) -> int:
         """Return the first anchor of a view that hangs."""
         return int(self._anchors[k, 0])
+
+    def on(self, anchor: int) -> list[int]:
+        """Return the views that hang on an anchor."""
+        views: list[int] = np.flatnonzero((self._anchors == anchor).any(1)).tolist()
+        return views
 
     def spread(self, k: int) -> Array:
         """Return the covariance (3, 3) of view k seen from its first anchor."""

@@ -55,7 +55,7 @@ def _unpacked(payload: bytes) -> dict[str, Array]:
         shape = struct.unpack_from(f'<{dimensions}I', payload, at)
         at += 4 * dimensions
         count = int(np.prod(shape, dtype=np.int64))
-        arrays[name] = np.frombuffer(payload, dtype, count, at).reshape(shape)
+        arrays[name] = np.frombuffer(payload, dtype, count, at).reshape(shape).copy()
         at += arrays[name].nbytes
     return arrays
 

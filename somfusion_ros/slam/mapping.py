@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.drawn_scans import DrawnScans
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.map_scans import MapScan
 
@@ -40,6 +41,7 @@ TUNING = MappingTuning()
 SUB = 4       # binary digits of a cell in the polygon fill
 MOST_CELLS = 8192 * 8192   # of a robot's own map; fusion_node takes no larger one
 MARGIN = 64   # cells added when the map grows
+TURN = 0.01   # [rad] by which a scan may lie turned from where it is drawn
 
 
 class Mapper:
@@ -58,28 +60,37 @@ class Mapper:
     def _clear(self) -> None:
         self._cells = np.zeros((0, 0), np.float32)
         self._corner = np.zeros(2, np.intp)      # column, row of cell (0, 0) on the map's lattice
-        self._rendered: dict[Outline, Array] = {}   # pose (3,) at which each was drawn
-        self._left_out: set[Outline] = set()        # of these, scans that do not fit
+        self._rows: dict[Outline, int] = {}      # of the scans that were drawn, in these:
+        self._drawn = DrawnScans.of(0)
 
-    def render(self, scans: Sequence[MapScan], views: Array) -> Grid:
-        """Draw scans, by age, at their views' poses (n, 3); return the map in the map frame."""
-        poses = dict(zip([scan.outline for scan in scans], place(scans, views), strict=True))
-        moved = self._moved(poses)
-        if 2 * len(moved) > len(self._rendered):
+    def render(self, scans: Sequence[MapScan], views: Array, most: int | None = None) -> Grid:
+        """
+        Draw scans, by age, at their views' poses (n, 3); return the map in the map frame.
+
+        most: how many moved scans are drawn anew at once, those that moved farthest; how many are
+        left for later is in counters as `map_scans_behind`.
+        """
+        placed = dict(zip([scan.outline for scan in scans], place(scans, views), strict=True))
+        outlines, poses = list(placed), np.array(list(placed.values())).reshape(-1, 3)
+        now = self._drawn.chosen([self._rows.get(seen, -1) for seen in outlines])
+        moved = self._moved(now, poses, most)
+        if 2 * np.count_nonzero(moved) > len(self._rows) or (
+                2 * np.count_nonzero(now.old) < len(self._rows)):   # or it is another map
             self._clear()
-            moved = set()
-        self._rendered = {seen: at for seen, at in self._rendered.items() if seen in poses}
-        new = [outline for outline in poses if outline not in self._rendered]
-        rims = {seen: apply(poses[seen], seen.rim) for seen in (*new, *moved)}
-        before, self._left_out = self._left_out, self._unfit(rims)
-        if moved:
-            self._redraw([(seen, self._rendered[seen]) for seen in moved - before],
-                         {seen: poses[seen] for seen in moved - self._left_out})
-        for seen in new:
-            if seen not in self._left_out:
-                self._draw(seen, poses[seen], rims[seen])
-        self._rendered = {seen: pose if seen in moved else self._rendered.get(seen, pose)
-                          for seen, pose in poses.items()}
+            now, moved = DrawnScans.of(len(outlines)), np.zeros(len(outlines), bool)
+        before = now.bounds[moved & ~now.left_out]
+        again = moved | ~now.old
+        now.poses[again] = poses[again]
+        for k in np.flatnonzero(again):
+            now.bounds[k] = _bounds(outlines[k], poses[k])
+        self._fit(now, again)
+        if moved.any():
+            shown = now.old & ~now.left_out
+            self._redraw(np.vstack([before, now.bounds[moved & shown]]), outlines, now, shown)
+        for k in np.flatnonzero(~now.old & ~now.left_out):
+            self._draw(outlines[k], now.poses[k], now.bounds[k])
+        now.old[:] = True
+        self._rows, self._drawn = {seen: k for k, seen in enumerate(outlines)}, now
         return self.grid()
 
     def grid(self) -> Grid:
@@ -89,47 +100,44 @@ class Mapper:
         x, y = self._corner * self.resolution
         return Grid(self._cells.copy(), self.resolution, Pose(x, y, 0.0))
 
-    def _moved(self, poses: dict[Outline, Array]) -> set[Outline]:
-        """
-        Return the drawn scans that lie half a cell or a degree from where they were drawn.
+    def _moved(self, now: DrawnScans, poses: Array, most: int | None) -> NDArray[np.bool_]:
+        """Tell which of the drawn scans lie half a cell or a degree from where they are drawn."""
+        d = np.abs(poses - now.poses)
+        d[:, 2] = np.abs(wrap(d[:, 2])) * (0.5 * self.resolution / TURN)
+        off = d.max(1, initial=0.0) * now.old
+        moved: NDArray[np.bool_] = off > 0.5 * self.resolution
+        if most is not None:
+            behind = max(0, int(np.count_nonzero(moved)) - most)
+            self._counters['map_scans_behind'] = behind
+            moved[np.argsort(off)[:len(off) - most if behind else 0]] = False
+        return moved
 
-        All of them, where most of what was drawn is another map's.
-        """
-        both = [seen for seen in self._rendered if seen in poses]
-        if 2 * len(both) < len(self._rendered):
-            return set(self._rendered)
-        d = np.array([poses[seen] - self._rendered[seen] for seen in both]).reshape(-1, 3)
-        moved = ((np.abs(d[:, :2]) > 0.5 * self.resolution).any(1)
-                 | (np.abs(wrap(d[:, 2])) > 0.01))
-        return {both[k] for k in np.flatnonzero(moved)}
+    def _fit(self, now: DrawnScans, again: NDArray[np.bool_]) -> None:
+        """Make room for some of the scans; mark those with which the map would be too large."""
+        if again.any():
+            now.left_out[again] = ~self._grow(now.bounds[again])
+        if now.left_out.any():
+            self._counters['map_scans_too_far'] = int(np.count_nonzero(now.left_out))
 
-    def _unfit(self, rims: dict[Outline, Array]) -> set[Outline]:
-        """Make room for scans by their rims; return all with which the map would be too large."""
-        left_out = self._left_out - rims.keys()
-        if rims:
-            fits = self._grow(np.array([_bounds(rim) for rim in rims.values()]))
-            left_out |= {seen for seen, fit in zip(rims, fits.tolist(), strict=True) if not fit}
-        if left_out:
-            self._counters['map_scans_too_far'] = len(left_out)
-        return left_out
+    def _redraw(self, changed: Array, outlines: Sequence[Outline], now: DrawnScans,
+                shown: NDArray[np.bool_]) -> None:
+        """Draw anew the rectangles (n, 4) [m] that moved scans covered before, and cover now."""
+        dirty = np.zeros(self._cells.shape, np.uint8)
+        for x0, y0, x1, y1 in self._windows(changed).tolist():
+            dirty[y0:y1, x0:x1] = 1
+        where, count = dirty > 0, cv2.integral(dirty)   # of dirty cells up to each
+        self._cells[where] = 0.0
+        x0, y0, x1, y1 = self._windows(now.bounds[shown]).T
+        touched = count[y1, x1] - count[y0, x1] - count[y1, x0] + count[y0, x0] > 0
+        for k in np.flatnonzero(shown)[touched]:
+            self._draw(outlines[k], now.poses[k], now.bounds[k], where)
 
-    def _redraw(self, before: Sequence[tuple[Outline, Array]], now: dict[Outline, Array]) -> None:
-        """Draw anew the rectangles that moved scans covered before, and cover now."""
-        dirty = np.zeros(self._cells.shape, bool)
-        for seen, pose in (*before, *now.items()):
-            dirty[self._window(apply(pose, seen.rim))] = True
-        self._cells[dirty] = 0.0
-        for seen, drawn_at in self._rendered.items():
-            if seen not in self._left_out:
-                pose = now.get(seen, drawn_at)
-                self._draw(seen, pose, apply(pose, seen.rim), dirty)
-
-    def _window(self, rim: Array) -> tuple[slice, slice]:
-        """Return rows and columns of the cells around a rim (M, 2) in the map [m]."""
-        corner = self._corner * self.resolution
-        x0, y0 = np.floor((rim.min(0) - corner) / self.resolution).astype(int)
-        x1, y1 = np.ceil((rim.max(0) - corner) / self.resolution).astype(int) + 1
-        return slice(y0, y1), slice(x0, x1)
+    def _windows(self, bounds: Array) -> NDArray[np.intp]:
+        """Return the cells (n, 4), columns x0 to x1, rows y0 to y1, around bounds (n, 4) [m]."""
+        cells = bounds / self.resolution - np.tile(self._corner, 2)
+        windows: NDArray[np.intp] = np.concatenate(
+            [np.floor(cells[:, :2]) - 1, np.ceil(cells[:, 2:]) + 2], axis=1).astype(np.intp)
+        return windows
 
     def _grow(self, bounds: Array) -> NDArray[np.bool_]:
         """
@@ -156,17 +164,17 @@ class Mapper:
         self._cells, self._corner = cells, low
         return fits[-len(bounds):]
 
-    def _draw(self, seen: Outline, pose: Array, rim: Array,
+    def _draw(self, seen: Outline, pose: Array, bounds: Array,
               where: NDArray[np.bool_] | None = None) -> None:
-        """Add the evidence of a scan at a pose (3,), with its rim (M, 2) there; where: cells."""
-        window = self._window(rim)
+        """Add the evidence of a scan at a pose (3,), within its bounds (4,); where: cells."""
+        x0, y0, x1, y1 = self._windows(bounds[None])[0].tolist()
+        window = slice(y0, y1), slice(x0, x1)
         mask = None if where is None else where[window]
-        if mask is not None and not mask.any():
-            return
         before = self._cells[window]
         after = before if mask is None else before.copy()
-        self._add(after, (window[1].start, window[0].start), rim,
-                  apply(pose, seen.hits), apply(pose, seen.walls))
+        hits, walls = seen.surface()
+        self._add(after, (x0, y0), apply(pose, seen.rim),
+                  apply(pose, hits), apply(pose, walls))
         if mask is not None:
             before[mask] = after[mask]
 
@@ -215,7 +223,9 @@ def _together(low: Array, high: Array) -> NDArray[np.bool_]:
     return fits
 
 
-def _bounds(points: Array) -> Array:
+def _bounds(seen: Outline, pose: Array) -> Array:
+    """Return the rectangle (4,) x0, y0, x1, y1 [m] of what a scan saw at a pose (3,)."""
+    points = apply(pose, np.vstack([seen.origin, seen.ends]))
     return np.concatenate([points.min(0), points.max(0)])
 
 

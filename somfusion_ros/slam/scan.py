@@ -108,8 +108,8 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
     points, joined = _thin(hits, _joined(hits, np.flatnonzero(hit), ranges[hit],
                                          abs(scan.angle_increment)))
     normals, noise = _surface(points, joined, origin)
-    return Cloud(points, normals, Outline(placed, reach, hit, origin), noise,
-                 scan.sweep, _spacing(points, joined))
+    outline = Outline(placed.astype(np.float32), reach.astype(np.float32), hit, origin)
+    return Cloud(points, normals, outline, noise, scan.sweep, _spacing(points, joined))
 
 
 @lru_cache(maxsize=8)

@@ -26,6 +26,7 @@ from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
 
 NOBODY, HERE = Bodies(), Start()
+NO_STEP = Step(-np.inf, Pose(), np.zeros((3, 3)), Pose(), False, False, 0.0, False, '')
 NOWHERE = np.diag([100.0, 100.0, np.pi]) ** 2   # covariance of a lost robot's pose
 
 
@@ -158,13 +159,13 @@ class Slam:
         """Why a lost robot is not found yet, in words; '' where it is not lost."""
         return self._lost.reason if self._lost else ''
 
-    def grid(self) -> Grid:
-        """Return the map at the poses held now; slow after a loop, so not for the scan path."""
+    def grid(self, most: int | None = None) -> Grid:
+        """Return the map at the poses held now; most: as in `Mapper.render`."""
         if self._drawn is not None:
             return self._drawn
         scans, poses = self._map.drawn()
         with self._map_lock:
-            return self._mapper.render(scans, self.bend.views(poses))
+            return self._mapper.render(scans, self.bend.views(poses), most)
 
     def views(self) -> tuple[Array, Array]:
         """Return stamps (n,) and poses T_map_base (n, 3) of the views, corrected by all loops."""
@@ -244,7 +245,5 @@ class Slam:
     def _refuse(self, scan: Scan, reason: str) -> Step:
         """Count a scan that cannot be used."""
         self.counters[reason] += 1
-        last = self._last
-        return Step(scan.stamp, last.pose if last else Pose(),
-                    last.covariance if last else np.zeros((3, 3)),
-                    last.T_map_odom if last else Pose(), False, False, 0.0, False, reason)
+        return replace(self._last or NO_STEP, stamp=scan.stamp, accepted=False, matched=False,
+                       inlier_ratio=0.0, is_view=False, reason=reason)

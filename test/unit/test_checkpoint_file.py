@@ -54,7 +54,9 @@ def test_nothing_is_lost_by_a_restart(half: Slam, tmp_path: Path) -> None:
                              (*again.views(), *again.trajectory()), strict=True):
         assert np.array_equal(before, after)
     assert again.odometry_lag == half.odometry_lag
-    assert np.allclose(again.pose_sigma, half.pose_sigma, rtol=0.01)   # linearised anew
+    assert np.allclose(again.pose_sigma, half.pose_sigma, rtol=0.1)   # linearised anew
+    for scan in again.checkpoint().scans:     # nothing that is kept holds the file's bytes
+        assert all(part.base is None for part in vars(scan.outline).values())
     before, after = half.grid(), again.grid()
     assert after.shape == before.shape
     # Single precision moves a point by 1e-6 m, and few of them over the edge of a cell.

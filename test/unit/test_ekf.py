@@ -9,7 +9,7 @@ import pytest
 from somfusion_ros.geometry import between, between_jacobians, compose, wrap
 from somfusion_ros.slam import smoothing
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.ekf import DelayedStateEkf
+from somfusion_ros.slam.ekf import AT_ONCE, DelayedStateEkf
 
 Q = np.diag([0.02, 0.01, 0.01]) ** 2
 STEP = np.array([0.5, 0.0, 2 * np.pi / 40])
@@ -150,13 +150,15 @@ def test_a_filter_that_is_full_lets_every_second_anchor_go(monkeypatch):
     for k in range(500):
         view = int(rng.integers(60, 300)) if k > 300 and k % 40 == 0 else None
         z = STEP + rng.multivariate_normal(np.zeros(3), Q)
+        before = thinned.kept.sum()
         for ekf in (full, thinned):
             ekf.augment(z, Q, view)
+        assert before - thinned.kept.sum() <= AT_ONCE, 'no single scan pays for all'
         if k % 25 == 24 and k > 100:
             z = between(full.poses[k - 100], full.poses[k]) + rng.normal(0.0, 0.01, 3)
             for ekf in (full, thinned):
                 ekf.update(Constraint(k - 100, k, z, Q))
-    assert thinned.kept.sum() <= 110
+    assert thinned.kept.sum() <= 110 + AT_ONCE
     np.testing.assert_allclose(np.sqrt(np.diag(thinned.block(499, 499))),
                                np.sqrt(np.diag(full.block(499, 499))), rtol=0.1)
     assert np.hypot(*(thinned.poses - full.poses)[:, :2].T).max() < 0.05

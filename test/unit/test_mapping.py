@@ -103,6 +103,27 @@ def test_a_redraw_touches_what_moved_and_gives_the_map_drawn_anew(seed):
         assert a == b
 
 
+@given(st.integers(0, 1000))
+@settings(max_examples=3, deadline=None)
+def test_a_bounded_redraw_follows_the_poses_a_few_scans_at_a_time(seed: int) -> None:
+    """After a loop moved all, those that moved farthest are drawn anew first."""
+    rng, every, counters = np.random.default_rng(seed), scans(2), Counter[str]()
+    moved = PLACES + rng.normal(0.0, (0.3, 0.3, 0.1), PLACES.shape)
+    mapper = Mapper(0.05, counters)
+    mapper.render(every, PLACES)
+    behind = len(every)
+    while behind:
+        grid = mapper.render(every, moved, most=2)
+        assert behind - 2 <= counters['map_scans_behind'] < behind
+        behind = counters['map_scans_behind']
+    np.testing.assert_array_equal(grid.evidence, mapper.render(every, moved).evidence)
+    anew = Mapper(0.05).render(every, moved)
+    for name in ('occupied', 'free'):
+        a, b = ({tuple(cell) for cell in np.rint(one.points(getattr(one, name)) / 0.025)}
+                for one in (grid, anew))
+        assert len(a ^ b) < 0.001 * len(b)
+
+
 def test_an_empty_map_is_one_unknown_cell():
     grid = Mapper(0.05).render([], np.zeros((0, 3)))
     assert grid.shape == (1, 1) and not grid.known.any()

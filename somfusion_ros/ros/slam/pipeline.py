@@ -32,6 +32,7 @@ from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.session import Session
 
 TICK = 0.1   # [s] between looks at scans that wait in vain
+DRAWN_AT_ONCE = 1000   # moved scans that a map is drawn anew with; the next ones follow
 
 
 class Pipeline:
@@ -207,8 +208,9 @@ class Pipeline:
         if time.monotonic() >= self._map_due:
             newest = self._last.step or self._beginning.checkpoint
             if newest is not self._drawn:
-                self._drawn = newest
-                self._publish_map()
+                self._publish_map(DRAWN_AT_ONCE)
+                behind = self.session.slam.counters['map_scans_behind']
+                self._drawn = None if behind else newest
             elif self.map is not None:
                 self._publisher.repeat_map()
             self._map_due = time.monotonic() + self.map_interval
@@ -216,10 +218,10 @@ class Pipeline:
         self._last.not_saved = self._keeper.fault
         return more
 
-    def _publish_map(self) -> Grid:
-        """Draw and publish the map."""
+    def _publish_map(self, most: int | None = None) -> Grid:
+        """Draw and publish the map; most: how many moved scans are drawn anew."""
         slam, stamp = self.session.slam, self._last.stamp or Time()
-        grid = slam.grid()
+        grid = slam.grid(most)
         if slam.counters['map_scans_too_far']:
             self._count('maps_too_large', 'scans are not drawn, as the map would be too large')
         if not self._mapper.stopping:
