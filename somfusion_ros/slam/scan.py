@@ -13,6 +13,7 @@ from somfusion_ros.slam.surface import Surface
 
 SPACING = 0.04      # [m] of surface that one point stands for, where the beams are denser
 SURFACE_GAP = 0.15  # [m] neighbouring returns farther apart than this, at 1 m, are two surfaces
+LEAP = 3.0          # times the narrower gap beside it: returns so far apart are two surfaces
 LONGEST_SWEEP = 1.0  # [s] from first to last beam that a real laser takes
 
 
@@ -125,14 +126,16 @@ def _joined(points: Array, beams: NDArray[np.intp], ranges: Array, increment: fl
     Tell which neighbouring returns (N - 1,) continue one surface.
 
     They do while no beam is missing, and the gap is no wider than a surface seen at a grazing
-    angle would leave between two beams.
+    angle would leave between two beams. Such a gap is not much wider than those beside it: far
+    away, a leap from one wall to another would turn the normals of both.
     """
     if len(points) < 2:
         return np.zeros(0, bool)
     gap = SURFACE_GAP * np.maximum(1.0, np.minimum(ranges[1:], ranges[:-1]) * increment * 40.0)
-    step = points[1:] - points[:-1]
-    joined: NDArray[np.bool_] = (
-        (beams[1:] - beams[:-1] <= 2) & (step[:, 0] ** 2 + step[:, 1] ** 2 < gap ** 2))
+    step = np.hypot(*(points[1:] - points[:-1]).T)
+    beside = np.pad(step, 1, constant_values=np.inf)
+    leap = step > np.maximum(SURFACE_GAP, LEAP * np.minimum(beside[:-2], beside[2:]))
+    joined: NDArray[np.bool_] = (beams[1:] - beams[:-1] <= 2) & (step < gap) & ~leap
     return joined
 
 

@@ -52,6 +52,15 @@ def test_a_lone_return_has_no_normal():
     np.testing.assert_array_equal(seen.normals, 0.0)
 
 
+def test_no_normal_is_fitted_across_two_far_walls() -> None:
+    """At 15 m beams end 0.3 m apart on a wall, and 1.3 m apart where another wall begins."""
+    angles = np.radians(np.arange(-4.0, 5.0))
+    ranges = np.where(np.arange(9) < 6, 15.0, 13.7) / np.cos(angles)
+    seen = cloud(Scan(0.0, ranges, angles[0], np.radians(1.0), 0.1, 30.0), 30.0)
+    fitted = seen.normals[~seen.bare]
+    assert len(fitted) == 6 and (fitted @ (-1.0, 0.0) > 0.99).all()
+
+
 def test_free_space_never_crosses_a_wall():
     room = fake_room()
     seen = cloud(fake_scan(room, np.array([2.0, 2.0, 0.4])), 30.0)
