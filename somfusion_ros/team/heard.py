@@ -39,6 +39,8 @@ class HearingTuning:
         5.0, 's', 'a stamp that is so much older than the last is of a clock that was set back, '
         'one so far in the future of a clock that is ahead, and two clocks must not differ by '
         'more in a sighting; a computer under load lags by seconds', 'by design')
+    tardy: float = tuned(
+        2.5, 's', 'a pose that comes later is counted; they come every second', 'by design')
     name_taken: float = tuned(
         15.0, 's', 'a name is not trusted for this time after two robots were heard under it; '
         'longer than a state takes to be repeated', 'by design')
@@ -62,6 +64,7 @@ class Heard:
     What was heard of one robot: times [s] of a steady clock, bytes by channel, recent poses.
 
     view_ages [s]: how old its newest views were when the global map showed them first.
+    late [s]: by how much its newest pose came late, by the listener's clock, nan where unknown.
     """
 
     at: float = float('-inf')
@@ -72,6 +75,7 @@ class Heard:
     trail: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRAIL_KEPT))
     taken_until: float = float('-inf')
     view_ages: deque[float] = field(default_factory=lambda: deque(maxlen=AGES_KEPT))
+    late: float = float('nan')
     _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     _number: int = -1
 

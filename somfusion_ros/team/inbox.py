@@ -18,6 +18,8 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE, TRANSFORMS
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import Heard, TimedPose
+from somfusion_ros.team.heard import TUNING as HEARING
+from somfusion_ros.team.hearsay import oddities
 from somfusion_ros.team.map_codec import epoch_of, MapDecoder, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
@@ -100,10 +102,14 @@ class Inbox:
                 self._session.presence.hear(robot, item, self.heard[self.name], self._clock())
 
     def _compare_clocks(self, robot: str, stamp: float) -> None:
-        """Count a peer's clock that is ahead of the robot's own: its poses do not fit in time."""
+        """Count a peer's clock that is ahead of the robot's own, and a pose that comes late."""
         if robot == self.name:
             return
-        ahead = self.heard[self.name].future(stamp, self._clock())
+        own, now = self.heard[self.name], self._clock()
+        late, ahead = -own.after(stamp, now), own.future(stamp, now)
+        self.heard[robot].late = late
+        if late > HEARING.tardy:
+            self._count(f'pose_of_{robot}_late', f'by {late:.1f} s: a slow network, or its clock')
         if ahead:
             self._count(f'clock_of_{robot}_ahead', f'by {ahead:.0f} s; it cannot be used in '
                         'sightings')
@@ -211,11 +217,15 @@ class Inbox:
             raise ValueError(f'two robots are called {robot}; neither is listened to')
         if state.session != before and robot in self._decoders:
             self._decoders[robot].restart()
-        if self.heard[robot].newer(state.number):
-            if state.epoch is not None:
-                self._begin(robot, state.epoch)
-            self._since[robot] = state.since
-            self._session.take_state(robot, state.constraints, state.departed)
+        if not self.heard[robot].newer(state.number):
+            self._count(f'state_of_{robot}_late', 'it came again, or after a newer one')
+            return
+        for odd in oddities(robot, state, self.name, self.heard):
+            self._count(*odd)
+        if state.epoch is not None:
+            self._begin(robot, state.epoch)
+        self._since[robot] = state.since
+        self._session.take_state(robot, state.constraints, state.departed)
 
     def _take_clusters(self, robot: str, content: TimedClusters) -> None:
         """Accept the clusters of a peer's present map."""

@@ -79,13 +79,11 @@ class Presence:
 
     def __init__(self) -> None:
         self._met: dict[str, deque[Meeting]] = {}
-        self._late: dict[str, float] = {}     # [s] by which a peer's last pose came late
         self._looked: dict[str, int] = {}     # views of each robot that were looked at
 
     def hear(self, peer: str, item: TimedPose, own: Heard, now: float) -> None:
         """Note where the own robot was when a peer told a pose, where the clocks agree."""
-        self._late[peer] = abs(own.after(item.stamp, now))
-        if self._late[peer] <= TUNING.lag:
+        if abs(own.after(item.stamp, now)) <= TUNING.lag:
             here = own.pose_at(item.stamp)
             if here is not None:
                 self.meet(peer, Meeting(here.pose, item.pose))
@@ -101,7 +99,6 @@ class Presence:
         """Forget what was noted of a robot, None: of all, whose map is another one."""
         for peer in list(self._met) if robot is None else [robot]:
             self._met.pop(peer, None)
-            self._late.pop(peer, None)
         self._looked = {} if robot is None else {
             name: count for name, count in self._looked.items() if name != robot}
 
@@ -112,7 +109,7 @@ class Presence:
             self._looked[robot] = len(seen)
             for other in sorted(heard.keys() - {own}) if robot == own else [own]:
                 peer = other if robot == own else robot
-                if self._late.get(peer, np.inf) <= TUNING.lag:
+                if abs(heard[peer].late) <= TUNING.lag:
                     for k in range(first, len(seen)):
                         self._note(peer, seen, k, heard[other], robot == own)
 

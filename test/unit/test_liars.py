@@ -294,7 +294,7 @@ def test_a_map_that_is_late_does_not_replace_a_newer_one() -> None:
     assert not counts
 
 
-def test_a_state_that_is_late_or_doubled_changes_nothing() -> None:
+def test_a_state_that_is_late_or_doubled_changes_nothing_and_is_counted() -> None:
     clock, counts = [0.0], []
     inbox, session = station(counts, clock)
     inbox.heard['z'] = Heard()
@@ -306,4 +306,4 @@ def test_a_state_that_is_late_or_doubled_changes_nothing() -> None:
     inbox.keep('z', STATE, state(6), 0, decode_state)
     inbox.drain()
     assert set(session.refresh({'z'}).solution.group_of('a')) == {'a'}
-    assert not counts
+    assert counts == 3 * ['state_of_z_late']

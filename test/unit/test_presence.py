@@ -136,7 +136,7 @@ def test_what_a_robot_sees_counts_where_it_may(rng: np.random.Generator) -> None
             here = TimedPose(stamp, Pose.from_array(compose(pose, ahead)), P)
             heard['b'].add_pose(here)
             heard['a'].add_pose(here._replace(pose=Pose.from_array(pose), arrived=stamp))
-            session.presence.hear('b', here, heard['a'], stamp)
+            heard['b'].late = 0.0
         session.look_around(heard)
         assert bool(session.presence.contradicted('b', Pose())) == visible
         session.look_around(heard)      # every view once

@@ -42,7 +42,8 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
                  now: float, timeout: float) -> DiagnosticStatus:
     """Describe one peer: what was heard, the verdict, and what is missing."""
     values: dict[str, Any] = {
-        'heard_s': now - heard.at, 'map_age_s': now - heard.map_at, 'maps': heard.maps,
+        'heard_s': now - heard.at, 'late_s': heard.late, 'map_age_s': now - heard.map_at,
+        'maps': heard.maps,
         'bytes_received': sum(heard.received.values()),
         'bytes_of_maps': sum(heard.received[topic] for topic in MAP_CHANNELS),
         'bytes_of_views': heard.received[VIEWS], 'bytes_of_bonds': heard.received[BONDS],
