@@ -71,7 +71,6 @@ class Inbox:
         Keep a message of a size [bytes] until the worker takes it.
 
         One that overtook it on the way, with a higher rank, stays where nobody has read it yet.
-
         read makes of it: a TeamState, the bytes of a map or of changes, TimedClusters, a
         PlainMap, or the pose and covariance of a plain robot's transform.
         """
@@ -111,8 +110,7 @@ class Inbox:
         if late > HEARING.tardy:
             self._count(f'pose_of_{robot}_late', f'by {late:.1f} s: a slow network, or its clock')
         if ahead:
-            self._count(f'clock_of_{robot}_ahead', f'by {ahead:.0f} s; it cannot be used in '
-                        'sightings')
+            self._count(f'clock_of_{robot}_ahead', f'by {ahead:.0f} s: no sightings with it')
 
     def keep_transform(self, owner: str, peer: str, message: Any,
                        read: Callable[[Any], tuple[Pose, Array]]) -> None:
