@@ -10,6 +10,8 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.team.global_map import merge_grids
 from somfusion_ros.team.shared_map import SharedMap
 
+FEW_CELLS = 4_000_000    # of a global map cost nothing; more must be
+MOST_SPREAD = 64         # times what the maps hold at most: fifty in a line, cornerwise, have 50
 DIGITS = 4    # of the poses that maps are drawn at [m, rad], so that all robots draw alike
 
 
@@ -41,21 +43,27 @@ class GlobalDrawing:
         """
         Merge maps at their poses; where that would be too large, without the ones far away.
 
+        Maps that lie about fill little of what is drawn: a liar with a small map is not to make
+        the others draw a large one.
+
         The cells are those of the middle map, so that no single peer can make them absurd.
         """
         sizes = sorted(shared.grid.resolution for shared, _ in parts.values())
+        most = FEW_CELLS + MOST_SPREAD * sum(
+            shared.grid.evidence.size for shared, _ in parts.values())
         try:
             return merge_grids(
                 {robot: shared.grid for robot, (shared, _) in parts.items()},
                 {robot: pose for robot, (_, pose) in parts.items()}, sizes[(len(sizes) - 1) // 2],
                 {robot: shared.driven for robot, (shared, _) in parts.items()
                  if robot in self._trusted},
-                self._robot_radius, self._own)
+                self._robot_radius, self._own, most)
         except ValueError as error:
             if len(parts) == 1:
                 raise
             middle = np.median([pose[:2] for _, pose in parts.values()], axis=0)
-            far = max(parts, key=lambda robot: np.hypot(*(parts[robot][1][:2] - middle)))
+            far = max(parts, key=lambda robot: (
+                robot != self._own, np.hypot(*(parts[robot][1][:2] - middle))))
             self._say(f'{far} is left out of the global map: {error}')
             return self._merge({robot: part for robot, part in parts.items() if robot != far})
 

@@ -36,7 +36,7 @@ TUNING = DrawingTuning()
 
 def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
                 resolution: float | None = None, driven: Mapping[str, Array] | None = None,
-                robot_radius: float = 0.0, own: str = '') -> Grid:
+                robot_radius: float = 0.0, own: str = '', most_cells: int = MAX_CELLS) -> Grid:
     """
     Sum the evidence of several maps in the world frame.
 
@@ -55,6 +55,8 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
     own : str
         The robot that draws: nobody frees what it sees as a wall, unless that is no larger than
         a robot.
+    most_cells : int
+        Of the result.
 
     Returns
     -------
@@ -65,7 +67,8 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
     Raises
     ------
     ValueError
-        If no robot is in both mappings, or the maps lie too far apart for one grid.
+        If no robot is in both mappings, or the maps lie too far apart for one grid; before it is
+        made.
 
     Examples
     --------
@@ -82,7 +85,7 @@ def merge_grids(grids: Mapping[str, Grid], poses: Mapping[str, Pose],
     if not parts:
         return Grid(np.zeros((1, 1), np.float32), resolution)
     bodies = Bodies(driven or {}, robot_radius, own)
-    return _sum(parts, poses, resolution, bodies)
+    return _sum(parts, poses, resolution, bodies, min(most_cells, MAX_CELLS))
 
 
 class Bodies(NamedTuple):
@@ -94,11 +97,11 @@ class Bodies(NamedTuple):
 
 
 def _sum(parts: Mapping[str, Grid], poses: Mapping[str, Pose], resolution: float,
-         bodies: Bodies) -> Grid:
+         bodies: Bodies, most_cells: int) -> Grid:
     """Sum the evidence of the known parts of maps, and free where robots have driven."""
     boxes = [_bounds(part, poses[name], resolution) for name, part in parts.items()]
     low, high = np.min([box[0] for box in boxes], 0), np.max([box[1] for box in boxes], 0)
-    _check_size(high - low)
+    _check_size(high - low, most_cells)
     total = np.zeros((high - low)[::-1], np.float32)
     free, kept = np.zeros(total.shape, bool), np.zeros(total.shape, bool)
     for (name, part), (first, last) in zip(parts.items(), boxes):
@@ -155,9 +158,9 @@ def _bounds(grid: Grid, T_world_map: Pose, resolution: float) -> tuple[Array, Ar
     return low.astype(int), np.maximum(high, low + 1).astype(int)
 
 
-def _check_size(size: Array) -> None:
-    """Raise ValueError where the world's map would not fit in memory."""
-    if max(size) > MAX_SIDE or int(size[0]) * int(size[1]) > MAX_CELLS:
+def _check_size(size: Array, most_cells: int) -> None:
+    """Raise ValueError where the world's map would not fit in memory, or have too many cells."""
+    if max(size) > MAX_SIDE or int(size[0]) * int(size[1]) > most_cells:
         raise ValueError(f'a global map of {size[0]} x {size[1]} cells is too large')
 
 

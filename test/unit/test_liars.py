@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import between, Pose
+from somfusion_ros.grid import Grid
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP, STATE
 from somfusion_ros.team.config import TeamConfig
@@ -219,6 +220,51 @@ def test_nobody_frees_a_wall_that_the_own_robot_sees() -> None:
     assert len(outer) > 50
     assert erased.evidence[tuple(erased.point_to_cell(outer).T)].min() == 1.0
     assert kept.evidence[tuple(kept.point_to_cell(outer).T)].max() <= 0.0
+
+
+def test_a_liar_with_a_small_map_far_away_does_not_make_the_drawing_large() -> None:
+    """Within what a map may be: 700 x 700 m were 200 million cells, 1.2 GB while it is drawn."""
+    words: list[str] = []
+    session = FusionSession('a', TeamConfig(), FusionConfig(), words.append)
+    session.begin('a', Epoch('1f'), 0.0)
+    session.begin('z', Epoch('2e'), 0.0)
+    session.take_map('a', SharedMap(fake_grid(furnished_room())))
+    session.take_map('z', SharedMap(fake_grid(fake_room())))
+    session.take_state('z', [MapConstraint('a', 'z', Pose(700.0, 700.0, 0.0), GOOD, epochs=(
+        Epoch('1f'), Epoch('2e')))], ())
+    assert {*session.refresh({'z'}).world('a')} == {'a', 'z'}
+    tracemalloc.start()
+    drawn = session.draw()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert drawn is not None
+    assert drawn.evidence.size < 10 ** 6
+    assert peak < 20 * MEGABYTE
+    assert any(word.startswith('z is left out of the global map') for word in words)
+
+
+def test_where_a_peer_has_driven_counts_once_the_own_match_accepted_it() -> None:
+    """Nor is it shown where a body is before that."""
+    grid = fake_grid(furnished_room())
+    free = Grid(np.ones_like(grid.evidence), grid.resolution, grid.T_frame_grid)
+    everywhere, drawn = SharedMap(free, free.points(free.known)), {}
+    for accepted in (False, True):
+        session = FusionSession('c', TeamConfig(), FusionConfig(), lambda text: None)
+        for name, shared in (('a', SharedMap(grid)), ('z', everywhere), ('c', SharedMap(ROOM))):
+            session.begin(name, Epoch('1f'), 0.0)
+            session.take_map(name, shared)
+        session.take_state('a', [MapConstraint('a', other, Pose(), GOOD, epochs=(
+            Epoch('1f'), Epoch('1f'))) for other in 'cz'], ())
+        if accepted:
+            session.take_sighting(MapConstraint('c', 'z', Pose(), GOOD, kind='sighting'))
+        assert {*session.refresh({'a', 'z'}).world('c')} == {'a', 'c', 'z'}
+        assert ('z' in session.snapshot.own_transforms) == accepted
+        drawn[accepted] = session.draw()
+    walls = grid.points(grid.occupied)
+    freed = [np.mean(one.evidence[tuple(one.point_to_cell(walls).T)] > 0.9)
+             for one in (drawn[False], drawn[True])]
+    assert freed[0] < 0.2      # where both c and z see that it is free
+    assert freed[1] > freed[0] + 0.3      # but no wall that the own robot sees
 
 
 def station(counts: list[str], clock: list[float]) -> tuple[Inbox, FusionSession]:
