@@ -310,7 +310,7 @@ def test_the_memory_of_a_peer_has_a_bound_that_it_cannot_pass() -> None:
         session.refresh({'z'})
     held = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
-    assert held < 12 * MEGABYTE
+    assert 6 * MEGABYTE < held < 12 * MEGABYTE      # it is reached, and not passed
     assert session.epoch_of('z') == Epoch('2e')
 
 

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ pytestmark = pytest.mark.slow
 
 GOOD = np.diag([1e-4, 1e-4, 1e-6])
 LIAR = Epoch('11a7')
+BYTES_PER_BEAM = 210      # of a robot's views at most, once they are unpacked
 LONGEST = 2.0      # [s] of CPU; a tenth of it on a machine of its own
 
 
@@ -82,6 +84,34 @@ def test_beams_are_counted_before_they_are_unpacked(monkeypatch: pytest.MonkeyPa
     with pytest.raises(ValueError, match='beams'):
         store.take(data)
     assert 0 < len(store.views().poses) <= 3
+
+
+def test_the_memory_of_a_robots_views_has_a_bound_that_a_liar_reaches(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """At a two-hundredth of it: what it is told, unpacked, and worked out to be drawn."""
+    most = view_store.MOST_BEAMS // 200
+    monkeypatch.setattr(view_store, 'MOST_BEAMS', most)
+    seen = [decode_view(fact) for fact in decode_batch(one_path()[0])[2]]
+    tracemalloc.start()
+    store, refused = ViewStore(), ''
+    while not refused:
+        first = len(store.views())
+        facts = tuple(replace(
+            seen[k % len(seen)], number=k, stamp=float(k), off=np.zeros(3),
+            step=Constraint(k - 1, k, np.array([0.01, 0.0, 0.0]), GOOD) if k else None).encode()
+            for k in range(first, first + 50))
+        try:
+            for batch in encode_batches(LIAR, 't', Facts(facts)):
+                store.take(batch)
+        except ValueError as error:
+            refused = str(error)
+    for cloud in store.views().clouds:
+        assert len(cloud.outline.rim) + len(cloud.outline.hits)
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert 'beams' in refused
+    assert store._beams > 0.99 * most
+    assert 0.1 < held / (BYTES_PER_BEAM * most) < 1.0
 
 
 def test_two_bonds_with_one_robot_are_refused(rng: np.random.Generator) -> None:

@@ -143,7 +143,7 @@ class Team:
                     before = self._matching.asked
                     robot.station.work(now)
                     pieces = self._matching.asked - before
-                    self._invariants.worked(robot, pieces, self._matching.constraints)
+                    self._invariants.worked(robot, pieces, self._matching.sizes)
                     self._invariants.accepted(robot, now)
         except Exception as error:  # noqa: B902 (whatever is raised is a find)
             self.outcome.broken.append(f'{now:.1f} s: raised {error!r}')

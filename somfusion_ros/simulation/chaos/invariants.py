@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What must hold of a team whatever happens, and how to tell."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -32,11 +33,12 @@ HALF = 0.5           # of evidence; cells that differ by less say the same
 SHOWN = {('garbage', STATE): 'state_of_{}_unusable', ('walls', MAP): 'map_of_{}_unusable',
          ('views', VIEWS): 'views_of_{}_unusable',
          ('poses', POSE): 'pose_of_{}_unusable'}
-MOST_WORK = 8        # matches, solutions and drawings of a station in one step,
-LARGEST = 5 * 256    # and constraints of a graph that it solves
+# Matches, solutions and drawings of a station in one step, and how large the largest may be.
+MOST_AT_ONCE = {'work': 8, 'constraints solved': 5 * 256, 'cells matched': 10 ** 6,
+                'scans drawn': 5000}
 # What a station may hold at most of a team of three and two liars.
 MOST = {'bytes of views': 2 * 10 ** 6, 'robots': 80, 'dropped': 5 * 256, 'departed': 64,
-        'counted': 64, 'cells': 5 * 10 ** 6}
+        'counted': 64, 'cells': 5 * 10 ** 6, 'cells drawn': 4 * 10 ** 6}
 
 
 class Invariants:
@@ -139,12 +141,13 @@ class Invariants:
                 self._broken(f'{robot.name} holds {held[what]} {what}')
             self._outcome.counts[what] = max(self._outcome.counts[what], held[what])
 
-    def worked(self, robot: Robot, pieces: int, constraints: int) -> None:
+    def worked(self, robot: Robot, pieces: int, sizes: Counter[str]) -> None:
         """Check that a step has few pieces of heavy work, and none is too large."""
-        self._outcome.counts['work'] = max(self._outcome.counts['work'], pieces)
-        if pieces > MOST_WORK or constraints > LARGEST:
-            self._broken(f'{robot.name} did {pieces} pieces of work at once, and solved '
-                         f'{constraints} constraints')
+        for what, size in (('work', pieces), *sizes.items()):
+            self._outcome.counts[what] = max(self._outcome.counts[what], size)
+            if size > MOST_AT_ONCE[what]:
+                self._broken(f'{robot.name} had {size} {what} at once')
+        sizes.clear()
 
     def lied(self, station: Station, kind: str, one: Delivery) -> None:
         """Note what a station must count, now that a liar told it something."""

@@ -7,6 +7,7 @@ A campaign replays the same few maps in ever new orders: what was matched once n
 The result is that of the real matcher, to the last bit.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
@@ -51,12 +52,13 @@ class Matching(Matchers):
         self._drawn = Memory(DRAWINGS)
         self._digests: WeakKeyDictionary[ViewSet, bytes] = WeakKeyDictionary()
         self._grids: WeakKeyDictionary[Grid, bytes] = WeakKeyDictionary()
-        self.constraints = 0    # of the graph that was solved last
+        self.sizes: Counter[str] = Counter()   # of the largest work of a kind
         self.draws = True    # views; else what is drawn of the same ones is only the same
 
     def align(self, target: Grid, source: Grid, config: FusionConfig,
               cache: FusionCache) -> Alignment:
         """Match two maps."""
+        self._note('cells matched', max(target.evidence.size, source.evidence.size))
         found: Alignment = self.memory.of(('align', self._map(target), self._map(source)),
                                           lambda: align(target, source, config, cache=cache))
         return replace(found, seconds={})   # how long it took is no part of a simulation
@@ -108,6 +110,8 @@ class Matching(Matchers):
     def draw(self, views: Mapping[str, ViewSet], poses: Mapping[str, Array], resolution: float
              ) -> Grid:
         """Draw a team's views, or what is the same where they are."""
+        self._note('scans drawn', sum(len(views[name]) + len(views[name].between)
+                                      for name in poses))
         key = tuple((name, self._of(views[name]), poses[name].tobytes()) for name in sorted(poses))
         drawn: Grid = self._drawn.of((self.draws, key), lambda: super(Matching, self).draw(
             _apart(views), poses, resolution) if self.draws else _sign(key, resolution))
@@ -115,7 +119,8 @@ class Matching(Matchers):
 
     def solve(self, robots: Iterable[str], constraints: Sequence[MapConstraint]) -> Solution:
         """Place every robot's map in the world of its connected group."""
-        names, self.constraints = sorted(robots), len(constraints)
+        names = sorted(robots)
+        self._note('constraints solved', len(constraints))
         key = tuple(names), tuple((*c.robots, c.author, c.T_target_source, c.covariance.tobytes(),
                                    c.probability, c.kind, c.epochs) for c in constraints)
         found: Solution = self._solved.of(key, lambda: solve(names, constraints))
@@ -130,6 +135,10 @@ class Matching(Matchers):
         """Read what a robot said, once for all that hear it."""
         state: TeamState = self._states.of(text, lambda: decode_state(text))
         return state
+
+    def _note(self, kind: str, size: int) -> None:
+        """Note how large a piece of work is."""
+        self.sizes[kind] = max(self.sizes[kind], size)
 
     def _map(self, grid: Grid | None) -> bytes:
         """Return bytes that no other map has."""

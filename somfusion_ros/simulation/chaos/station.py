@@ -193,7 +193,8 @@ class Station:
             'bytes of views': sum(map(session.elastic.bytes_of, self.inbox.heard)),
             'robots': sum(map(len, solution.groups)), 'dropped': len(solution.dropped),
             'departed': len(session.snapshot.departed), 'counted': len(self.counts),
-            'cells': sum(shared.grid.evidence.size for shared in maps)})
+            'cells': sum(shared.grid.evidence.size for shared in maps),
+            'cells drawn': 0 if self.drawn is None else self.drawn.evidence.size})
 
     def _tell_pose(self, now: float) -> bool:
         """Tell where the robot is; return whether it moved."""
