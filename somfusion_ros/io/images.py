@@ -3,12 +3,15 @@
 """Grey images: PGM in its binary (P5) and its plain (P2) form; others through OpenCV."""
 
 from pathlib import Path
+import struct
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.grid import MAX_CELLS
+
+PNG = b'\x89PNG\r\n\x1a\n'     # how such a file begins
 
 
 def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
@@ -21,6 +24,9 @@ def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     if data[:2] in (b'P5', b'P2'):
         shades = _parse_pgm(data)
         return shades, np.ones(shades.shape, bool)
+    if data[:8] == PNG and len(data) >= 24:      # its size is read before it is unpacked
+        width, height = struct.unpack('>II', data[16:24])
+        _check_size(width, height)
     try:
         image = (cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data
                  else None)
@@ -28,9 +34,14 @@ def read_image(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         raise ValueError(f'not a readable image ({" ".join(str(error).split())})') from None
     if image is None:
         raise ValueError('not an image (PGM or PNG expected)')
-    if image.shape[0] * image.shape[1] > MAX_CELLS:
-        raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} cells is too large')
+    _check_size(image.shape[1], image.shape[0])
     return _shades(image)
+
+
+def _check_size(width: int, height: int) -> None:
+    """Raise ValueError where an image is larger than a map can be."""
+    if width * height > MAX_CELLS:
+        raise ValueError(f'image of {width} x {height} cells is too large')
 
 
 def _shades(image: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:

@@ -4,12 +4,14 @@
 
 from collections.abc import Mapping
 import json
+import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
+import zipfile
 
 import numpy as np
 from somfusion_ros.geometry import Pose
-from somfusion_ros.grid import Grid
+from somfusion_ros.grid import Grid, MAX_CELLS
 from somfusion_ros.io.maps import MapError, write_map
 
 if TYPE_CHECKING:
@@ -113,6 +115,7 @@ def read_evidence(folder: Path) -> Grid:
     """Read a map written by `write_robot_map`."""
     path = folder / EVIDENCE
     try:
+        _check_cells(path)
         with np.load(path) as data:
             return Grid(data['evidence'], float(data['resolution']),
                         Pose.from_array(data['origin']))
@@ -120,6 +123,15 @@ def read_evidence(folder: Path) -> Grid:
         raise MapError(f'{path}: {error.strerror or "not readable"}') from error
     except Exception as error:   # numpy and zipfile raise many kinds on a damaged file
         raise MapError(f'{path}: damaged ({" ".join(str(error).split())})') from error
+
+
+def _check_cells(path: Path) -> None:
+    """Raise ValueError where evidence says that it has more cells than a map can have."""
+    with zipfile.ZipFile(path) as archive, archive.open('evidence.npy') as file:
+        np.lib.format.read_magic(file)
+        shape = np.lib.format.read_array_header_1_0(file)[0]
+    if math.prod(shape) > MAX_CELLS:
+        raise ValueError(f'evidence of {shape} cells is too large')
 
 
 def make_folder(path: str | Path) -> Path:

@@ -60,7 +60,8 @@ def decode_bonds(data: bytes, author: str) -> list[ToldBond]:
             raise ValueError(f'bonds of version {str(head["version"])[:20]}')
         rows = [(str(a), str(b), Epoch.parse(first), Epoch.parse(second), int(count))
                 for a, b, first, second, count in head['bonds']]
-    except (struct.error, KeyError, TypeError, RecursionError, UnicodeDecodeError) as error:
+    except (struct.error, KeyError, TypeError, OverflowError, RecursionError,
+            UnicodeDecodeError) as error:
         raise ValueError(f'not bonds: {error!r}') from error
     if len(rows) > MOST_BONDS or any(not 0 <= row[-1] <= MOST_MATCHES for row in rows):
         raise ValueError('too many bonds or matches')
