@@ -67,7 +67,8 @@ class ElasticSession:
         self._solved_epochs: dict[str, Epoch] = {}
         self._solved: dict[str, Array] = {}
         self._hurried = False     # the whole is still to be solved for what is known
-        self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw, say)
+        self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw, say,
+                                     name)
         self._solved_views: dict[str, ViewSet] = {}
         self._last_heard: dict[str, bytes] = {}
         self._due = self._whole_due = 0.0

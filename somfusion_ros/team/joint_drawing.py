@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from somfusion_ros.geometry import Array
-from somfusion_ros.grid import Grid
+from somfusion_ros.grid import Grid, MAX_CELLS
 from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.team.joint_map import draw_joint
 from somfusion_ros.team.shared_map import SharedMap
@@ -24,14 +24,15 @@ class JointDrawing:
     """
     Draws at a resolution [m]; all anew in one part of so many of the time, by a clock [s].
 
-    draw: what draws all anew; say: what is told whose views are left out.
+    draw: what draws all anew; say: what is told whose views are left out, never those of the own
+    robot.
     """
 
     def __init__(self, resolution: float, share: float, clock: Callable[[], float],
-                 draw: Draw = draw_joint, say: Callable[[str], object] = lambda text: None
-                 ) -> None:
+                 draw: Draw = draw_joint, say: Callable[[str], object] = lambda text: None,
+                 own: str = '') -> None:
         self._resolution, self._share, self._clock, self._anew = resolution, share, clock, draw
-        self._say, self._far = say, ''
+        self._say, self._far, self._own = say, '', own
         self._mapper = Mapper(resolution)
         self._map: SharedMap | None = None
         self._due = -np.inf
@@ -43,35 +44,34 @@ class JointDrawing:
         if self._map is not None and self.drawn is poses and (
                 self._whole or self._clock() < self._due):
             return self._map
-        start = self._clock()
+        start, near = self._clock(), self._near(poses)
         self._whole = start >= self._due
         if self._whole:
-            self._map = self._near(robots, poses)
+            grid = self._anew(robots, near, self._resolution)
             self._due = start + self._share * (self._clock() - start)
         else:
-            try:
-                grid = draw_joint(robots, poses, self._resolution, mapper=self._mapper)
-                self._map = _shared(grid, poses)
-            except ValueError:      # too large for one map
-                self._mapper = Mapper(self._resolution)
-                self._map = self._near(robots, poses)
-        self.drawn = poses
+            grid = draw_joint(robots, near, self._resolution, mapper=self._mapper)
+        self._map, self.drawn = _shared(grid, near), poses
         return self._map
 
-    def _near(self, robots: Mapping[str, ViewSet], poses: Mapping[str, Array]) -> SharedMap:
-        """Draw all anew; where that would be too large, without the views that lie far away."""
-        try:
-            return _shared(self._anew(robots, poses, self._resolution), poses)
-        except ValueError as error:
-            if len(poses) == 1:
-                raise
-            middle = np.median(np.concatenate([part[:, :2] for part in poses.values()]), axis=0)
-            far = max(sorted(poses), key=lambda name: np.hypot(
-                *(poses[name][:, :2] - middle).T).max())
-            if far != self._far:
-                self._far = far
-                self._say(f'the views of {far} are left out of the global map: {error}')
-            return self._near(robots, {name: part for name, part in poses.items() if name != far})
+    def _near(self, poses: Mapping[str, Array]) -> Mapping[str, Array]:
+        """Leave out who lies so far away that the map would be too large, before it is made."""
+        near, far = dict(poses), ''
+        while len(near) > 1 and _cells(near, self._resolution) > MAX_CELLS:
+            middle = np.median(np.concatenate([part[:, :2] for part in near.values()]), axis=0)
+            far = max(sorted(near), key=lambda name: (name != self._own, np.hypot(
+                *(near[name][:, :2] - middle).T).max()))
+            del near[far]
+        if far != self._far and far:
+            self._say(f'the views of {far} are left out of the global map: too far away')
+        self._far = far
+        return near
+
+
+def _cells(poses: Mapping[str, Array], resolution: float) -> float:
+    """Return how many cells a map has that holds views at poses (n, 3) by robot."""
+    places = np.concatenate([part[:, :2] for part in poses.values()])
+    return float(np.prod(np.ptp(places, axis=0) / resolution + 1.0))
 
 
 def _shared(grid: Grid, poses: Mapping[str, Array]) -> SharedMap:

@@ -20,6 +20,7 @@ from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.fact import LOOP
 from somfusion_ros.team.graph import solve
 from somfusion_ros.team.heard import Heard, TimedPose, TUNING
+from somfusion_ros.team.joint_drawing import JointDrawing
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.kept_views import encode_kept
 from somfusion_ros.team.sightings import Sighting, Sightings
@@ -158,7 +159,28 @@ def test_views_that_lie_absurdly_far_do_not_stop_the_drawing() -> None:
     one.take_bonds('aliar', encode_bonds([
         ToldBond('aliar', 'robot1', (LIAR, EPOCHS['robot1']), (match,))]))
     one.update({**world, 'aliar': Pose()}, {**EPOCHS, 'aliar': LIAR}, 'robot1')
-    assert one.draw() is not None
+    tracemalloc.start()
+    drawn = one.draw()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert drawn is not None
+    assert peak < 50 * 2 ** 20      # it is known to be too large before it is made
+
+
+def test_of_many_views_far_away_and_few_of_the_own_robot_the_own_ones_are_drawn() -> None:
+    robots = {}
+    for name in ('robot1', 'zliar'):
+        store = ViewStore()
+        store.take(one_path()[0])
+        robots[name] = store.views()
+    poses = {'robot1': robots['robot1'].poses[:2], 'zliar': robots['zliar'].poses + (9e4, 9e4, 0)}
+    words: list[str] = []
+    drawing = JointDrawing(0.05, 10.0, lambda: 0.0, say=words.append, own='robot1')
+    grid = drawing.draw(robots, poses).grid
+    assert words
+    assert all('views of zliar are left out' in word for word in words)
+    assert grid.known.any()
+    assert np.abs(grid.points(grid.known)).max() < 100.0
 
 
 def test_where_no_bond_joins_a_robot_all_still_place_it_alike() -> None:
