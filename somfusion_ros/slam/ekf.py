@@ -26,6 +26,7 @@ from somfusion_ros.slam.reduction import reduce_to
 GROWTH = 64    # views of room that P grows by, at least
 RECENT = 64    # newest views, which all stay in P
 MOST = 1000    # views in P: 72 MB, and 10 ms to fuse a loop
+LARGE = 500    # views in P, from which on it is given room for all at once: a copy of 18 MB
 AT_ONCE = 4    # anchors that are let go with a new view: 2 to 8 ms
 
 
@@ -121,8 +122,7 @@ class DelayedStateEkf:
             return np.zeros((3, 3))
         a = self._hanging.anchor(k)
         _, G = compose_jacobians(self._x[a], between(self._x[a], self._x[k]))
-        loose: Array = G @ self._hanging.spread(k) @ G.T
-        return loose
+        return np.asarray(G @ self._hanging.spread(k) @ G.T)
 
     def _anchor(self, k: int) -> int:
         """Return view k, or the anchor before it where view k is not in P."""
@@ -159,7 +159,7 @@ class DelayedStateEkf:
             self.parents = np.concatenate([self.parents, np.arange(self.n, more)])
         if not self._free:
             room = len(self._P) // 3
-            more = room + max(GROWTH, room // 8)
+            more = MOST + GROWTH if LARGE <= room < MOST else room + max(GROWTH, room // 8)
             P = np.zeros((3 * more, 3 * more), order='F')
             P[:3 * room, :3 * room] = self._P
             self._P, self._free = P, list(range(room, more))[::-1]

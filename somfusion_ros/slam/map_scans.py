@@ -68,6 +68,10 @@ class MapScans:
         if len(here) > TUNING.kept:
             del self._scans[here.popleft()]
 
+    def full(self, pose: Array) -> bool:
+        """Return whether as many scans as are kept were taken where a pose (3,) is."""
+        return len(self._places.get(place_of(pose), ())) >= TUNING.kept
+
     def extend(self, scans: Iterable[MapScan], poses: Array) -> None:
         """Keep scans by age, taken at poses (n, 3)."""
         for scan, pose in zip(scans, poses, strict=True):

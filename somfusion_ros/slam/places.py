@@ -85,7 +85,7 @@ class KnownPlace:
     loss: float
 
 
-def known(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConfig
+def known(pose: Array, poses: Array, usable: NDArray[np.bool_], often: bool, config: SlamConfig
           ) -> KnownPlace:
     """
     Return the place of a pose (3,); one without views where it is not known.
@@ -95,14 +95,15 @@ def known(pose: Array, poses: Array, usable: NDArray[np.bool_], config: SlamConf
     pose : (3,) of the robot
     poses : (n, 3) of the views
     usable : (n,) the views that count: not those that the robot has just added
+    often : whether the robot has been there often, so that it need not have left views there
     """
     apart = distance(pose, poses, config)
     apart[~usable] = np.inf
-    here = np.count_nonzero(apart < TUNING.near)
-    nearest = tuple(int(view) for view in np.argsort(apart)[:TUNING.tried])
+    here, around = (int(np.count_nonzero(apart < far)) for far in (TUNING.near, TUNING.around))
+    nearest = tuple(np.argsort(apart)[:min(TUNING.tried, around)].tolist())
     if here >= TUNING.full:
         return KnownPlace(nearest, TUNING.loss_full)
-    if np.count_nonzero(apart < TUNING.around) >= TUNING.well:
+    if around >= TUNING.well or often and around:
         return KnownPlace(nearest, TUNING.loss)
     return KnownPlace(nearest[:1] if here >= TUNING.enough else (), TUNING.loss)
 

@@ -149,7 +149,8 @@ class SingleMap:
             return False
         usable = self.graph.showing()
         usable[[self._at, *self._fresh]] = False
-        place = places.known(self.pose()[0], ekf.poses, usable, self.config)
+        pose = self.pose()[0]
+        place = places.known(pose, ekf.poses, usable, self.graph.scans.full(pose), self.config)
         for view in place.views:
             found = places.explain(
                 places.Expected(view, *self._seen_from(view)), seen,

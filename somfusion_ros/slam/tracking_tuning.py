@@ -24,7 +24,7 @@ class TrackingTuning:
         0.9, 'share of the usual inlier ratio',
         'above, nothing did, whatever the sigmas of the odometry say', 'intel')
     regained: float = tuned(
-        0.55, 'share of the usual inlier ratio', 'by which a lost robot is found again, at least',
+        0.6, 'share of the usual inlier ratio', 'by which a lost robot is found again, at least',
         'test/unit/test_relocation.py, mit-csail')
     broke: tuple[float, float] = tuned(
         (0.3, 0.3), 'm, rad', 'unless the odometry broke off the motion by more than this',

@@ -19,12 +19,16 @@ HERE = np.array([2.0, 2.0, 0.3])
 
 
 @settings(deadline=None)
-@given(st.lists(st.tuples(*[st.floats(-3.0, 3.0)] * 3), max_size=40), st.integers(0, 40))
-def test_a_place_has_few_views_and_they_are_the_nearest(given_poses: list, fresh: int) -> None:
+@given(st.lists(st.tuples(*[st.floats(-3.0, 3.0)] * 3), max_size=40), st.integers(0, 40),
+       st.booleans())
+def test_a_place_has_few_views_and_they_are_the_nearest(given_poses: list, fresh: int,
+                                                        often: bool) -> None:
     poses = np.array(given_poses).reshape(-1, 3)
     usable = np.arange(len(poses)) >= fresh
-    place = places.known(np.zeros(3), poses, usable, CONFIG)
+    place = places.known(np.zeros(3), poses, usable, often, CONFIG)
     apart = places.distance(np.zeros(3), poses, CONFIG)
+    if often and (usable & (apart < places.TUNING.around)).any():
+        assert place.views, 'one view nearby is enough where the robot has been often'
     assert len(place.views) <= places.TUNING.tried
     assert all(usable[view] and apart[view] < places.TUNING.around for view in place.views)
     if place.views:
@@ -45,4 +49,4 @@ def test_a_hidden_view_keeps_its_place_and_makes_no_place_known() -> None:
     again = Checkpoint.of(graph, 0, Tracker(CONFIG).state()).graph()
     for one in (graph, again):
         assert np.array_equal(np.flatnonzero(one.showing()), [0]) and one.ekf.n == 8
-        assert not places.known(np.zeros(3), one.ekf.poses, one.showing(), CONFIG).views
+        assert not places.known(np.zeros(3), one.ekf.poses, one.showing(), False, CONFIG).views
