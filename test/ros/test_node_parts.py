@@ -29,12 +29,14 @@ from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
 from somfusion_ros.ros.apps.recording import open_bag, Recording  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
+from somfusion_ros.ros.fusion.frames import Frames  # noqa: E402
 from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
+from somfusion_ros.ros.fusion.publisher import FusionPublisher  # noqa: E402
 from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
 from somfusion_ros.ros.fusion.view_link import ViewLink  # noqa: E402
 from somfusion_ros.ros.slam.joint_path import JointPath  # noqa: E402
 from somfusion_ros.ros.slam.odometry_input import OdometryInput  # noqa: E402
-from somfusion_ros.team.heard import Heard  # noqa: E402
+from somfusion_ros.team.heard import Heard, TimedPose  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
 from std_msgs.msg import UInt8MultiArray  # noqa: E402
@@ -171,6 +173,53 @@ def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
     work.reset()
     assert work.snapshot.world('robot1') == {'robot1': Pose()}
     assert work.draw() is not None   # the old global map does not stay
+
+
+class Told:
+    """Stands for a node: what is told on each topic, by the publishers that are there."""
+
+    def __init__(self) -> None:
+        self.topics: dict[str, list[Any]] = {}
+        self.ended: list[str] = []
+
+    def create_publisher(self, kind: type, topic: str, profile: object) -> Any:
+        """Begin to tell on a topic; a late joiner hears what is told from now on."""
+        said = self.topics[topic] = []
+        return SimpleNamespace(publish=said.append, topic=topic, get_subscription_count=lambda: 0)
+
+    def destroy_publisher(self, publisher: Any) -> None:
+        """End a publisher."""
+        self.ended.append(publisher.topic)
+
+    def get_clock(self) -> Any:
+        """Tell the time."""
+        return Clock()
+
+
+def test_body_pose_and_transform_of_a_peer_vanish_when_the_peer_or_its_match_does() -> None:
+    work, walls, node = session([]), fake_room(14.0, 11.0), Told()
+    publisher = FusionPublisher(node, Frames('robot1', 'map', 'world'), '', 'global_map')
+    work.take_map('robot1', SharedMap(fake_grid(walls)))
+    work.take_map('robot2', SharedMap(fake_grid(walls, T_map_walls=Pose(2.0, -1.0, 0.7))))
+    heard = {robot: Heard() for robot in ('robot1', 'robot2')}
+    for robot in heard:
+        heard[robot].add_pose(TimedPose(1.0, Pose(1.0, 1.0, 0.0), 0.01 * np.eye(3)))
+
+    def last(topic: str) -> int:
+        return len(node.topics[topic][-1].poses)
+    assert work.attempt(0.0) == 'robot2'
+    publisher.team(work.refresh({'robot2'}), heard, {'robot2'})
+    assert (last('peer_bodies'), last('peer_poses')) == (1, 2)
+    assert len(node.topics['relative_transforms']) == 1
+    publisher.team(work.refresh(set()), heard, set())          # it is gone
+    assert (last('peer_bodies'), last('peer_poses')) == (0, 1)
+    publisher.team(work.refresh({'robot2'}), heard, {'robot2'})
+    assert (last('peer_bodies'), last('peer_poses')) == (1, 2)
+    work.reset()
+    publisher.team(work.snapshot, heard, {'robot2'})
+    assert (last('peer_bodies'), last('peer_poses')) == (0, 1)
+    assert node.ended == ['relative_transforms']
+    assert node.topics['relative_transforms'] == []            # for who comes late
 
 
 @pytest.mark.parametrize(('heard', 'words'), [
