@@ -41,7 +41,7 @@ class PresenceTuning:
     proof: int = tuned(
         4, 'places', 'that a transform contradicts, so that it is wrong: at one or two a clock, a '
         'pose, or a laser that missed a thin robot can be. Played together, logs that were '
-        'recorded one after the other, of robots that were never side by side, have up to 3',
+        'recorded one after the other put no two robots in one place so often',
         'mines, wean, Intel, CSAIL and Belgioioso, each played as a team')
     few: int = tuned(
         2, 'places', 'that are proof where most meetings are at such places', 'by design')
