@@ -178,7 +178,7 @@ def _looks_through(seen: Outline, body: Array) -> bool:
         return False
     u = body / distance
     along, beside = ends @ u, ends @ [-u[1], u[0]]
-    ahead = along > 0.0
+    ahead = (along > 0.0) & (seen.reach > 0.0)           # the others tell nothing
     offset = distance * beside[ahead] / along[ahead]     # of a beam from the body's centre
     near = np.abs(offset) < TUNING.beside
     window = np.sort(np.r_[-TUNING.beside, offset[near], TUNING.beside])

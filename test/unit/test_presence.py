@@ -78,8 +78,10 @@ def scan(walls: float, body: float | None = None, hidden: bool = False) -> Outli
     if body is not None:
         on_it = np.abs(np.tan(angle) * body) < 0.15
         reach[on_it & (np.abs(angle) < 1.0)] = 0.0 if hidden else body - 0.15
-    return Outline(reach[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]), reach,
-                   reach > 0.0)
+    reach[::17] = 0.0       # beams that tell nothing
+    ends = reach[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]) + LASER.mount[:2]
+    return Outline(ends.astype(np.float32), reach.astype(np.float32), reach > 0.0,
+                   np.array(LASER.mount[:2]))
 
 
 @pytest.mark.parametrize(('seen', 'wrong'), [
