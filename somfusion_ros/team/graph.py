@@ -186,10 +186,12 @@ def _alike(pairs: NDArray[np.intp], kinds: list[str]) -> NDArray[np.intp]:
     Both robots of a pair match the same walls, and sightings hang on the same poses: their errors
     are the same, so they are averaged as in covariance intersection with equal weights.
     """
-    kind = np.unique(kinds, return_inverse=True)[1]
-    same, counts = np.unique(np.column_stack([np.sort(pairs, axis=1), kind]), axis=0,
+    number = {kind: k for k, kind in enumerate(sorted(set(kinds)))}
+    low, high = np.sort(pairs, axis=1).T
+    pair = low * (pairs.max(initial=0) + 1) + high
+    same, counts = np.unique(pair * len(number) + [number[kind] for kind in kinds],
                              return_inverse=True, return_counts=True)[1:]
-    return np.asarray(counts[same.ravel()])
+    return np.asarray(counts[same])
 
 
 def _contradicts(graph: PoseGraph, estimate: Estimate) -> bool:
