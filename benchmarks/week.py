@@ -98,7 +98,7 @@ def main() -> None:
     week = Week(np.random.default_rng(seed))
     print(' day  walls right  furniture drawn  removed cleared   error  largest  views')
     for day in range(1, days + 1):
-        told = week.drive(0.25)
+        told = week.live(0.25)
         right, found, cleared = week.right()
         print(f'{day:4} {right:12.3f} {found:16.3f} {cleared:16.3f} '
               f'{np.median(told.error):7.3f} {max(told.error):8.3f} '
