@@ -98,6 +98,19 @@ def cut(grid: Grid, low: float, high: float) -> Grid:
     return Grid(evidence, grid.resolution, grid.T_frame_grid)
 
 
+def window(grid: Grid, rng: Random, side: float) -> tuple[Grid, Grid]:
+    """Cut a window of about `side` [m] around some free place: it, and what lies outside."""
+    free = np.argwhere(grid.free)
+    spot = free[rng.integers(len(free))] if len(free) else np.zeros(2, int)
+    half = (0.5 * side * rng.uniform(0.6, 1.0, 2) / grid.resolution).astype(int)
+    (top, left), (bottom, right) = np.maximum(spot - half, 0), spot + half
+    inside = np.zeros(grid.shape, bool)
+    inside[top:bottom, left:right] = True
+    here, there = (Grid(np.where(mask, grid.evidence, np.float32(0.0)), grid.resolution,
+                        grid.T_frame_grid) for mask in (inside, ~inside))
+    return here, there
+
+
 def halves(grid: Grid, overlap: float, rng: Random) -> tuple[Grid, Grid]:
     """Cut a map in two that share a strip of `overlap` [m], or have a gap where it is negative."""
     angle = rng.uniform(0.0, 2.0 * np.pi)

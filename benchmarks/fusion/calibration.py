@@ -5,6 +5,7 @@ Who is accepted, at which probability, and how well calibrated that probability 
 
 usage: python -m benchmarks.fusion.calibration DATA [--replays DIR ...] [--share S]
            [--kinds NAME ...] [--resume] [--write]
+       python -m benchmarks.fusion.calibration DATA [--replays DIR ...] --fresh N
        python -m benchmarks.fusion.calibration --refit [--write]
 
 DATA holds the folders pairs, pairs_mesh and pairs_floors. Judges true pairs of maps and pairs of
@@ -13,7 +14,8 @@ and of drawn maps; learns the weights of the verdict anew; judges each case by w
 without its places; and prints, per kind and per threshold, how many are accepted. With --write
 the table of measures of all cases, the weights that the package uses, with what they reach, and
 the reliability diagram of doc/fusion.md are written anew, the table as it grows; --resume keeps
-the cases that it has, and --refit judges no more than those.
+the cases that it has, and --refit judges no more than those. With --fresh, N pairs of different
+places are made that nothing was learned from, some of kinds of which none was, and judged.
 """
 
 import argparse
@@ -46,6 +48,9 @@ WEIGHTS = ROOT / 'somfusion_ros' / 'fusion' / verdicts.WEIGHTS_FILE
 DIAGRAM = ROOT / 'doc' / 'verdict_reliability.png'
 REPORT_EVERY = 500
 IN_DOUBT = 0.05     # probability from which the mirror image is looked at
+FRESH_FROM = 10_000     # numbers of cases that are in no table
+FRESH = {'crossed': 35, 'corridors': 12, 'windows': 12, 'buildings': 7, 'offices': 7, 'hole': 6,
+         'storeys': 5, 'real_storeys': 5, 'gap': 4, 'wings': 4, 'mesh_false': 3}     # in a hundred
 
 
 def look(kind: str, number: int, case: cases.Case, cache: FusionCache) -> Sample | None:
@@ -74,8 +79,15 @@ def queue(share: float, wanted: list[str] | None) -> list[tuple[str, int]]:
         if wanted and kind not in wanted:
             continue
         real = kind in cases.REAL
-        count = count if real else max(1, round(count * share))
+        count = count if real or not count else max(1, round(count * share))
         turns += [(-1.0 if real else (k + 0.5) / count, kind, k) for k in range(count)]
+    return [(kind, number) for _, kind, number in sorted(turns)]
+
+
+def fresh_queue(total: int) -> list[tuple[str, int]]:
+    """List pairs of different places that no table holds, mixed as FRESH says."""
+    turns = [((k + 0.5) / share, kind, FRESH_FROM + k) for kind, share in FRESH.items()
+             for k in range(share * total // sum(FRESH.values()))]
     return [(kind, number) for _, kind, number in sorted(turns)]
 
 
@@ -143,6 +155,18 @@ def report(samples: list[Sample], data: str, command: str, write: bool) -> None:
     draw_reliability(DIAGRAM, chances, np.array([sample.right for sample in samples]))
 
 
+def report_fresh(samples: list[Sample]) -> None:
+    """Print how many pairs of different places the weights in use accept, by kind."""
+    chances = verdicts.chance_of(log_odds(verdicts.weights(), samples))
+    enough = FusionConfig().estimation_confidence
+    for kind in dict.fromkeys(sample.kind for sample in samples):
+        of_it = np.array([sample.kind == kind for sample in samples])
+        print(f'{kind}: {(chances[of_it] >= enough).sum()} of {of_it.sum()}')
+    for k in np.flatnonzero(chances >= enough):
+        print(f'accepted: {samples[k].kind} {samples[k].number} at {chances[k]:.3f}')
+    print(f'{(chances >= enough).sum()} of {len(samples)} accepted at {enough}')
+
+
 def main() -> None:
     """Collect or read the cases, and report."""
     parser = argparse.ArgumentParser(description=__doc__,
@@ -152,6 +176,7 @@ def main() -> None:
                         help='folders that somfusion replay wrote')
     parser.add_argument('--share', type=float, default=1.0, help='share of all cases')
     parser.add_argument('--kinds', nargs='*', help='only these')
+    parser.add_argument('--fresh', type=int, help='judge so many new pairs of different places')
     parser.add_argument('--resume', action='store_true', help='keep the cases of the table')
     parser.add_argument('--refit', action='store_true', help='read the cases from the table')
     parser.add_argument('--write', action='store_true')
@@ -163,8 +188,12 @@ def main() -> None:
         old = json.loads(WEIGHTS.read_text(encoding='utf-8'))
         report(read_samples(TABLE), old['data'], old['command'], args.write)
         return
-    samples = collect(RealMaps(args.data / 'pairs', args.replays), queue(args.share, args.kinds),
-                      read_samples(TABLE) if args.resume else [], TABLE if args.write else None)
+    maps = RealMaps(args.data / 'pairs', args.replays)
+    if args.fresh:
+        report_fresh(collect(maps, fresh_queue(args.fresh), [], None))
+        return
+    samples = collect(maps, queue(args.share, args.kinds), read_samples(TABLE) if args.resume
+                      else [], TABLE if args.write else None)
     share = '' if args.share == 1.0 else f' SHARE={args.share}'
     report(samples, digest(args.data), f'make calibrate{share}', args.write)
 

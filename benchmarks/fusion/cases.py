@@ -43,7 +43,7 @@ class Case:
 
 
 Maker = Callable[[RealMaps, Random, int], Case | None]
-KINDS: dict[str, tuple[Maker, int]] = {}     # maker and number of cases of each kind
+KINDS: dict[str, tuple[Maker, int]] = {}     # maker of each kind, and how many are learned from
 
 
 def kind(count: int) -> Callable[[Maker], Maker]:

@@ -20,7 +20,7 @@ def different(maps: RealMaps, rng: Random, number: int) -> Case | None:
     return Case(*maps.false_pair(number)) if number < maps.false_pairs else None
 
 
-@kind(5000)
+@kind(6000)
 def crossed(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Match maps of different places with one another, drawn in all ways: see _pool."""
     pool = _pool(maps, number // OF_A_POOL)
@@ -86,7 +86,7 @@ def mirrored(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({place}, grid, worlds.mirrored(other))
 
 
-@kind(400)
+@kind(460)
 def gap(maps: RealMaps, rng: Random, number: int) -> Case:
     """Take two parts of one building that do not overlap."""
     place, grid = maps.any_map(rng)
@@ -94,7 +94,7 @@ def gap(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({place}, target, worlds.turned(source, rng))
 
 
-@kind(1800)
+@kind(2100)
 def corridors(maps: RealMaps, rng: Random, number: int) -> Case:
     """Draw two corridors of equal width, 10 to 80 m long, with other doors and crossings."""
     width = rng.uniform(1.5, 3.0)
@@ -105,7 +105,7 @@ def corridors(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({f'corridor {number % 5}'}, target, worlds.turned(source, rng))
 
 
-@kind(250)
+@kind(290)
 def corridor_in_map(maps: RealMaps, rng: Random, number: int) -> Case:
     """Lay a drawn corridor into a real map."""
     place, grid = maps.any_map(rng)
@@ -113,7 +113,7 @@ def corridor_in_map(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({place}, grid, worlds.turned(worlds.worn(other, rng), rng))
 
 
-@kind(900)
+@kind(1050)
 def offices(maps: RealMaps, rng: Random, number: int) -> Case:
     """Draw two offices of equal rooms, most with the same layout and other furniture."""
     layouts = rng.integers(10 ** 6, size=2)
@@ -125,7 +125,7 @@ def offices(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({f'office {number % 5}'}, target, worlds.turned(source, rng))
 
 
-@kind(1100)
+@kind(1250)
 def buildings(maps: RealMaps, rng: Random, number: int) -> Case:
     """Draw two buildings of different rooms."""
     widths = rng.uniform(5.0, 25.0, 2)
@@ -134,7 +134,7 @@ def buildings(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({f'building {number % 5}'}, target, worlds.turned(source, rng))
 
 
-@kind(700)
+@kind(820)
 def storeys(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Draw two storeys of one building: the outer walls and the large areas are the same."""
     width, plan = rng.uniform(10.0, 45.0), int(rng.integers(10 ** 6))
@@ -150,7 +150,7 @@ def storeys(maps: RealMaps, rng: Random, number: int) -> Case | None:
     return Case({f'storey {number % 5}'}, target, worlds.turned(source, rng))
 
 
-@kind(600)
+@kind(680)
 def real_storeys(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Draw another storey of a real floor plan: the same shell, other rooms, all else moved."""
     place, grid = maps.any_map(rng)
@@ -179,7 +179,7 @@ def real_storeys(maps: RealMaps, rng: Random, number: int) -> Case | None:
     return Case({place}, grid, worlds.turned(worlds.worn(other, rng, 1.0, 0.2), rng))
 
 
-@kind(300)
+@kind(350)
 def mesh_false(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Take mesh maps, drawn and real, of different places, and mesh parts that do not overlap."""
     if rng.random() < 0.4:
@@ -194,7 +194,7 @@ def mesh_false(maps: RealMaps, rng: Random, number: int) -> Case | None:
                 worlds.turned(worlds.meshed(source, rng), rng))
 
 
-@kind(400)
+@kind(460)
 def wings(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Take parts of one storey's plan that do not overlap, or a map of a storey elsewhere."""
     place, grid = maps.floor_map(rng)
@@ -203,3 +203,23 @@ def wings(maps: RealMaps, rng: Random, number: int) -> Case | None:
         return Case({place}, target, worlds.turned(source, rng))
     there, source = maps.mesh_map(rng) if rng.random() < 0.3 else maps.any_map(rng)
     return Case({place, there}, grid, worlds.turned(source, rng))
+
+
+@kind(0)
+def windows(maps: RealMaps, rng: Random, number: int) -> Case | None:
+    """Cut small windows, of a room or a crossing, out of maps of different places."""
+    (here, target), (there, source) = (_any_place(maps, rng) for _ in range(2))
+    if here == there:
+        return None
+    if rng.random() < 0.5:
+        target, _ = worlds.window(target, rng, rng.uniform(8.0, 25.0))
+    source, _ = worlds.window(source, rng, rng.uniform(8.0, 25.0))
+    return Case({here, there}, target, worlds.turned(worlds.worn(source, rng), rng))
+
+
+@kind(0)
+def hole(maps: RealMaps, rng: Random, number: int) -> Case:
+    """Cut a window out of a real map, and match it with what is left."""
+    place, grid = maps.any_map(rng)
+    source, target = worlds.window(grid, rng, rng.uniform(8.0, 25.0))
+    return Case({place}, target, worlds.turned(worlds.worn(source, rng), rng))

@@ -28,7 +28,7 @@ def furnished(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case(place, grids[0], worlds.worn(grids[1], rng), truth, spot)
 
 
-@kind(400)
+@kind(420)
 def worn(maps: RealMaps, rng: Random, number: int) -> Case:
     """Lose walls, shake them by a cell, and add noise."""
     place, *grids, truth, spot = maps.true_pair(number)
@@ -51,14 +51,14 @@ def drawn_otherwise(maps: RealMaps, rng: Random, number: int) -> Case:
                 truth, spot)
 
 
-@kind(480)
+@kind(500)
 def bent(maps: RealMaps, rng: Random, number: int) -> Case:
     """Bend one of the maps by up to nine degrees."""
     place, target, source, truth, spot = maps.true_pair(number)
     return Case(place, target, *_bent(source, truth, spot, rng.uniform(1.0, 9.0), rng))
 
 
-@kind(300)
+@kind(310)
 def closed_doors(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Close doors in one of the maps: what lies behind was not seen."""
     place, *grids, truth, _ = maps.true_pair(number)
@@ -71,7 +71,7 @@ def closed_doors(maps: RealMaps, rng: Random, number: int) -> Case | None:
     return Case(place, grids[0], worlds.worn(grids[1], rng), truth, np.array(spot))
 
 
-@kind(800)
+@kind(850)
 def parts(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Cut a map in two that share a strip, half of them bent."""
     place, grid = maps.any_map(rng)
@@ -85,7 +85,7 @@ def parts(maps: RealMaps, rng: Random, number: int) -> Case | None:
     return Case({place}, target, worlds.worn(source, rng, 1.0), np.zeros(3), spot)
 
 
-@kind(1000)
+@kind(1050)
 def corridor(maps: RealMaps, rng: Random, number: int) -> Case:
     """Two robots see a corridor's two ends and the middle."""
     width, length = rng.uniform(1.5, 3.0), rng.uniform(10.0, 80.0)
@@ -100,7 +100,7 @@ def corridor(maps: RealMaps, rng: Random, number: int) -> Case:
     return Case({f'corridor {number % 5}'}, target, worlds.worn(source, rng), truth, spot)
 
 
-@kind(600)
+@kind(620)
 def office(maps: RealMaps, rng: Random, number: int) -> Case:
     """Two robots see overlapping parts of an office of equal rooms."""
     rooms = int(rng.integers(5, 10))
@@ -112,7 +112,7 @@ def office(maps: RealMaps, rng: Random, number: int) -> Case:
                 np.zeros(3), spot)
 
 
-@kind(800)
+@kind(840)
 def building(maps: RealMaps, rng: Random, number: int) -> Case:
     """Two robots see overlapping parts of a building of different rooms."""
     width = rng.uniform(7.0, 30.0)
@@ -161,19 +161,19 @@ def _given(maps: RealMaps, folder: str, number: int) -> Case | None:
     return Case(places, target, source, truth, spot)
 
 
-@kind(400)
+@kind(420)
 def mesh_like(maps: RealMaps, rng: Random, number: int) -> Case:
     """Draw a pair as from two depth cameras: bent, of another scale, without clutter."""
     place, target, source, truth, spot = maps.true_pair(number)
-    source, truth, spot, _ = _bent(source, truth, spot, rng.uniform(0.0, 4.0), rng)
+    source, truth, spot, (near, _) = _bent(source, truth, spot, rng.uniform(0.0, 4.0), rng)
     factor = rng.uniform(0.97, 1.03)
     source = worlds.meshed(worlds.scaled(source, factor), rng)
     new = spot * factor
     truth = _about(truth, spot, new)
-    return Case(place, worlds.meshed(target, rng), source, truth, new, (0.6, np.radians(6.0)))
+    return Case(place, worlds.meshed(target, rng), source, truth, new, (near, np.radians(6.0)))
 
 
-@kind(560)
+@kind(590)
 def years(maps: RealMaps, rng: Random, number: int) -> Case | None:
     """Map a place again years later: furniture, some partitions, a bend, a little scale."""
     place, target, source, truth, spot = maps.true_pair(number)

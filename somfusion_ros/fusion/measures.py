@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.fusion.cluster_matching import match_at
 from somfusion_ros.fusion.learned_map import LearnedMap
+from somfusion_ros.fusion.places import along, directions, place_score
 from somfusion_ros.fusion.rasters import CLEARANCE_STEP, FREE, NEAR, RASTERS, WALL
-from somfusion_ros.fusion.scoring import tally, tally_cells
+from somfusion_ros.fusion.scoring import seen_in_front, tally, tally_cells
 from somfusion_ros.fusion.warp import Warp
 from somfusion_ros.geometry import Array, inverse, place, rotation
 from somfusion_ros.settings import tuned
@@ -33,12 +34,6 @@ class MeasureSettings:
     reach: float = tuned(
         0.8, 'm', 'furthest that the cluster of the same wall may lie along it: two clusters',
         'by design')
-    place: float = tuned(
-        0.8, 'm', 'evidence that one place can give at most: two end walls may meet by chance, '
-        'many doors do not', 'benchmarks/fusion/calibration.py: corridors')
-    movable: float = tuned(
-        0.1, 'share', 'that short pieces count where they contradict along the weakest direction',
-        'doc/fusion.md: pairs_floors')
     clear: float = tuned(
         0.7, 'm', 'known free space all around, in which a straight wall is a contradiction: more '
         'than a bend leaves between two true maps; of 0.5 to 0.9 m this tells years from storeys '
@@ -106,7 +101,7 @@ class Evidence:
     @property
     def weak_score(self) -> float:
         """Ratio times the root of the length, along the direction with the least evidence."""
-        return float(self.weak_ratio * np.sqrt(self.weak))
+        return float(place_score(np.array(self.weak), np.array(self.weak_against)))
 
     @property
     def score(self) -> float:
@@ -114,8 +109,10 @@ class Evidence:
         Rank of a hypothesis: the square of the matched ratio, times the root of the length.
 
         Of the cells: the clusters of two corridors of equal width coincide, their doors do not.
+        Where walls coincide and no free space does, two maps lie back to back.
         """
-        return float(self.fine_ratio ** 2 * np.sqrt(self.fine))
+        before = seen_in_front(np.array(self.common), np.array(self.fine))
+        return float(self.fine_ratio ** 2 * np.sqrt(self.fine) * before)
 
 
 def measure(poses: Array, target: LearnedMap, source: LearnedMap,
@@ -127,16 +124,15 @@ def measure(poses: Array, target: LearnedMap, source: LearnedMap,
     there, back = ways
     matched, against = (there.lengths() + back.lengths()) / 2.0
     near, far = (there.cells() + back.cells()) / 2.0
-    R = rotation(lay.poses[:, 2])
-    info = ways[0].information(), ways[1].information()
-    axis = np.linalg.eigh(R @ info[0] @ np.swapaxes(R, 1, 2) + info[1])[1][:, :, 0]
-    held, lost = (ways[0].places(np.einsum('bji,bj->bi', R, axis)) + ways[1].places(axis)) / 2.0
+    axes = directions(there.fourfold(lay.poses[:, 2]) + back.fourfold())
+    held, lost = (there.places(axes @ rotation(lay.poses[:, 2])) + back.places(axes)) / 2.0
+    least = np.arange(len(axes)), place_score(held, lost).argmin(1)
     shares, votes = zip(*(way.free_agreement() for way in ways), strict=True)
     agree, differ = sum(votes)
     solid = (there.solid() + back.solid()) / 2.0
     found = {'matched': matched, 'against': against, 'fine': near, 'fine_against': far,
-             'overlap': np.max(shares, axis=0), 'weak': held, 'weak_against': lost,
-             'V': agree / np.maximum(agree + differ, 1.0), 'axis': axis,
+             'overlap': np.max(shares, axis=0), 'weak': held[least], 'weak_against': lost[least],
+             'V': agree / np.maximum(agree + differ, 1.0), 'axis': axes[least],
              'solid': solid[0], 'solid_against': solid[1],
              'common': np.mean([way.common_area() for way in ways], axis=0)}
     return [Evidence(**dict(zip(found, row, strict=True)))
@@ -190,31 +186,15 @@ class _Way:
         """Return the length (2, B) [m] of wall of the cells on a wall, and on free space."""
         return tally_cells(self.likelihood, self.probes, self.seen)
 
-    def information(self) -> Array:
-        """Sum (B, 2, 2) of w n n' over the matched features, in the frame of this map [m]."""
+    def fourfold(self, turns: Array | float = 0.0) -> NDArray[np.complex128]:
+        """Sum (B,) w exp(4 i angle) of the matched features' normals, turned by (B,) [rad]."""
         normals = self.seen.features.normals
-        outer = (normals[:, :, None] * normals[:, None]).reshape(-1, 4) * self.weight[:, None]
-        return np.reshape(self.on @ outer, (-1, 2, 2))
+        wave = self.weight * (normals[:, 0] + 1j * normals[:, 1]) ** 4
+        return np.asarray((self.on @ wave) * np.exp(4j * np.asarray(turns)))
 
-    def places(self, axis: Array) -> Array:
-        """
-        Return the evidence (2, B) along axes (B, 2) of this map's frame: matched, and against [m].
-
-        Walls across an axis fix the place along it. What lies within one metre along the axis is
-        one place and counts up to `place`: two end walls may meet by chance, many doors do not.
-        Short pieces speak against with a share: they may be furniture.
-        """
-        clusters = self.seen.features
-        across = (axis @ clusters.normals.T) ** 2
-        firm = MEASURES.movable + (1.0 - MEASURES.movable) * self.seen.structure
-        bins = np.floor(axis @ clusters.centres.T).astype(np.intp)
-        bins -= bins.min(initial=0)
-        count = int(bins.max(initial=0)) + 1
-        flat = (bins + count * np.arange(len(axis))[:, None]).ravel()
-        sums = [np.bincount(flat, (across * which * weight).ravel(), len(axis) * count)
-                for which, weight in ((self.on, self.weight), (self.off, self.weight * firm))]
-        shares = np.reshape(sums, (2, len(axis), count))
-        return np.asarray(np.minimum(shares, MEASURES.place).sum(2))
+    def places(self, axes: Array) -> Array:
+        """Return the evidence (2, B, N) along axes (B, N, 2) of this map's frame [m]."""
+        return along(axes, self.seen.features, self.on, self.off, self.seen.structure)
 
     def solid(self) -> Array:
         """

@@ -8,10 +8,9 @@ walls that should coincide do, once the maps may bend, and hardly any straight w
 the other map saw free space all around; furniture that moved is no contradiction. Distinction: it
 is better than every rival, in how little wall speaks against it, and along the direction with the
 least evidence. Places: distinct places agree along that direction, which two parallel walls do not
-have, in an overlap that is large and no thin strip, where walls coincide by chance, and from which
-the rest of the maps can be reached: not one room that happens to fit. Each test is linear in
-measures that can only speak for a hypothesis when they grow. The weights were learned from true
-and false hypotheses of many kinds (`make calibrate`, doc/fusion.md).
+have, over much common ground or, over little, to a cell; and the rest of the maps can be reached
+from there: it is not one room that happens to fit. Each test is linear in measures that can only
+speak for a hypothesis when they grow, with weights learned from many (doc/fusion.md).
 """
 
 from dataclasses import dataclass, replace
@@ -29,7 +28,7 @@ WEIGHTS_FILE = 'verdict_weights.json'
 TESTS: dict[str, tuple[str, ...]] = {
     'agreement': ('solid_density', 'ratio', 'constant'),
     'distinction': ('odds', 'weak_lead', 'constant'),
-    'places': ('weak_ratio', 'overlap', 'common', 'passable', 'constant'),
+    'places': ('weak_ratio', 'exact', 'overlap', 'common', 'passable', 'constant'),
 }
 
 
@@ -41,17 +40,18 @@ class VerdictSettings:
         0.1, 'share', 'of the smaller map from which an overlap is no thin strip',
         'benchmarks/fusion/calibration.py')
     power: float = tuned(
-        0.25, '', 'of the wall that coincides, with which the odds against the best rival count: '
-        'over much wall less of a difference tells two poses apart; of 0.15, 0.25 and 0.35 it '
-        'accepts most true pairs', 'benchmarks/fusion/calibration.py')
+        0.5, '', 'of the wall that coincides, with which the odds against the best rival count: '
+        'over much wall less of a difference tells; of 0.25, 0.4 and 0.55 it accepts most',
+        'benchmarks/fusion/calibration.py')
     ahead: float = tuned(
-        3.0, 'root m', 'by which it is better along the direction with the least evidence than '
-        'any rival, or more, are enough', 'benchmarks/fusion/calibration.py')
+        3.0, 'root m', 'of lead along the direction with the least evidence, or more, are enough',
+        'benchmarks/fusion/calibration.py')
     cut: float = tuned(
-        0.1, 'share', 'of a map that is not reached: below, differences are of drift and of holes '
-        'in walls', 'benchmarks/fusion/calibration.py')
-    little: float = tuned(
-        3.0, 'm2, m', 'that both saw free, or of wall, are as good as nothing', 'by design')
+        0.1, 'share', 'of a map that is not reached: below, it is drift, or holes in walls',
+        'benchmarks/fusion/calibration.py')
+    noise: float = tuned(
+        0.05, 'share', 'of wall that the other map saw free: below, it is noise', 'by design')
+    little: float = tuned(3.0, 'm2, m', 'of common area, or wall, are as nothing', 'by design')
     sure: float = tuned(
         0.9, 'probability', 'from which a verdict over all measured rivals is clear, and',
         'benchmarks/fusion/stages.py')
@@ -59,9 +59,8 @@ class VerdictSettings:
         3.0, 'times', 'as good as the best rival: then no rival is bent, which takes time',
         'benchmarks/fusion/stages.py')
     comparable: float = tuned(
-        0.6, 'share', "of the best's wall that a rival matches at least to be compared by its "
-        'conflicts: a small overlap that fits by chance has few',
-        'benchmarks/fusion/calibration.py')
+        0.6, 'share', "of the best's wall that a rival matches to be compared by its conflicts: "
+        'a small overlap that fits by chance has few', 'benchmarks/fusion/calibration.py')
     loose_wall: float = tuned(
         0.5, 'm', 'of straight wall in the open is no contradiction: half a door leaf',
         'doc/fusion.md: belgioioso halves')
@@ -69,7 +68,7 @@ class VerdictSettings:
         1.5, 'times', 'as good as a hypothesis is the mirror image of one map where the places '
         'are built the other way round; at most 1.04 in true pairs', 'doc/fusion.md: mirrored')
     image_chance: float = tuned(
-        0.02, 'probability', 'of a hypothesis that its mirror image beats', 'not measured')
+        0.02, 'probability', 'of a hypothesis that its image beats', 'by design')
 
 
 VERDICT = VerdictSettings()
@@ -191,6 +190,7 @@ def measures(item: Evidence, margins: Margins) -> dict[str, float]:
         'weak_lead': np.clip(item.weak_score * (1.0 - 1.0 / max(margins.weak_margin, 0.3)),
                              -1.0, VERDICT.ahead),
         'weak_ratio': _logit(item.weak_ratio),
+        'exact': -np.log(VERDICT.noise + item.fine_against / (item.fine + VERDICT.little)),
         'overlap': np.log(np.clip(item.overlap / VERDICT.strip, 0.05, 1.0)),
         'common': np.log(item.common + VERDICT.little),
         'passable': -np.log(1.0 + VERDICT.cut - item.passable), 'constant': 1.0}

@@ -5,7 +5,7 @@
 from benchmarks.data import drawings, renovations, worlds
 from benchmarks.data.real_maps import cropped
 from benchmarks.fusion import cases
-from benchmarks.fusion.calibration import queue
+from benchmarks.fusion.calibration import fresh_queue, queue
 import numpy as np
 import pytest
 from somfusion_ros.geometry import apply
@@ -80,8 +80,24 @@ def test_the_real_cases_come_first_and_a_part_of_the_queue_has_all_kinds() -> No
     wanted = queue(1.0, None)
     real = sum(cases.kinds()[kind][1] for kind in cases.REAL)
     assert {kind for kind, _ in wanted[:real]} == set(cases.REAL)
-    assert {kind for kind, _ in wanted[:real + 300]} == set(cases.kinds())
+    learned = {kind for kind, (_, count) in cases.kinds().items() if count}
+    assert {kind for kind, _ in wanted[:real + 300]} == learned
     assert len(set(wanted)) == len(wanted)
     true = ('corridor', 'office', 'building', 'parts')
     assert len(queue(0.1, list(true))) == pytest.approx(
         0.1 * sum(cases.kinds()[kind][1] for kind in true), abs=4)
+
+
+def test_fresh_cases_are_in_no_table() -> None:
+    """Of all kinds that are asked for, some of which nothing is learned from; none is learned."""
+    wanted = fresh_queue(500)
+    assert not set(wanted) & set(queue(1.0, None)) and len(set(wanted)) == len(wanted)
+    assert 480 <= len(wanted) <= 500
+    assert {'crossed', 'windows', 'hole'} <= {kind for kind, _ in wanted[:100]}
+
+
+def test_a_window_and_what_lies_outside_are_the_whole_map() -> None:
+    grid = room()
+    inside, outside = worlds.window(grid, np.random.default_rng(2), 4.0)
+    assert np.array_equal(inside.evidence + outside.evidence, grid.evidence)
+    assert 0.0 < inside.free.sum() * 0.05 ** 2 <= 16.0 and outside.free.any()
