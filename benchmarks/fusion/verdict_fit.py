@@ -20,7 +20,7 @@ from somfusion_ros.geometry import Array
 
 TERMS = [(test, name) for test, names in verdicts.TESTS.items() for name in names]
 MEASURES = list(dict.fromkeys(name for _, name in TERMS if name != 'constant'))
-SEVERE = 6.0     # a false accept counts as so many refusals,
+SEVERE = 8.0     # a false accept counts as so many refusals,
 ALIKE = ('floors', 'storeys', 'real_storeys')     # of a storey of one building as half a one
 HEEDED = ('true', 'team', 'different', 'mesh', 'floors', 'years', 'closed_doors')     # threefold
 LEAST = {'ratio': 1.0}     # of a weight: half of all wall against is too much, whatever the rest

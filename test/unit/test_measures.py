@@ -156,7 +156,7 @@ def test_a_thin_strip_is_not_enough() -> None:
     item, clear = replace(GOOD, weak=4.0, weak_against=0.4), Margins(3.0, 20.0, 4.0)
     doubtful = replace(item, overlap=0.03, common=15.0, fine=15.0, fine_against=4.0)
     assert probability(replace(item, overlap=0.2), clear) > 0.8
-    assert probability(doubtful, clear) < 0.4
+    assert probability(doubtful, clear) < 0.7      # 0.9 is asked
 
 
 @pytest.mark.parametrize('mine, theirs, word', [
