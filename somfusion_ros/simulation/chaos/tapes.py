@@ -137,7 +137,7 @@ def record_all(duration: float, robots: Sequence[int] = (0, 1, 2)) -> list[Tape]
     ends = (record('corridor', robot, WHOLE, 10 + robot) for robot in (0, 1))
     return [*(record('office', robot, duration, robot) for robot in robots),
             *(replace(end, alike_until=end.map_times[-1]) for end in ends),
-            record('office', robots[0], duration, 99, 0.6 * duration)]
+            record('office', robots[0], duration, 97, 0.6 * duration)]
 
 
 def cells_of(grid: Grid) -> MapCells:
