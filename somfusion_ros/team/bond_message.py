@@ -6,12 +6,14 @@ Bonds on the way: a robot replaces all that it told before, so that what is olde
 A message names the session, which is new with every start, and a number that grows in it.
 """
 
+from collections import deque
 import struct
 from typing import NamedTuple
 
 VERSION = 1
 HEAD = struct.Struct('<BBI')      # version, letters of the session, number
 MOST_LETTERS = 32                 # of a session
+SESSIONS_KEPT = 8                 # of a robot
 
 
 class BondMessage(NamedTuple):
@@ -62,12 +64,16 @@ class BondHearer:
     """Knows which of a robot's messages are newer than all that came before."""
 
     def __init__(self) -> None:
-        self._newest: dict[str, tuple[str, int]] = {}
+        self._sessions: dict[str, deque[str]] = {}
+        self._numbers: dict[str, int] = {}
 
     def newer(self, robot: str, message: BondMessage) -> bool:
-        """Return whether a message is the first of its session, or newer than those of it."""
-        session, number = self._newest.get(robot, ('', 0))
-        if message.session == session and message.number <= number:
+        """Return whether a message begins a new session, or is newer than those of the present."""
+        sessions = self._sessions.setdefault(robot, deque(maxlen=SESSIONS_KEPT))
+        if message.session in sessions and (
+                message.session != sessions[-1] or message.number <= self._numbers[robot]):
             return False
-        self._newest[robot] = message.session, message.number
+        if message.session not in sessions:
+            sessions.append(message.session)
+        self._numbers[robot] = message.number
         return True

@@ -43,6 +43,7 @@ def test_the_last_of_a_session_counts_in_any_order(order: list[int], again: bool
     inbox.drain()
     assert told[-1] == b'4'
     inbox.keep_bonds('robot1', BondMessage('two', 1, b'after a restart').encode())
+    inbox.keep_bonds('robot1', BondMessage('one', 5, b'late, of before it').encode())
     inbox.keep_bonds('robot1', b'\1')
     inbox.drain()
     assert told[-1] == b'after a restart'

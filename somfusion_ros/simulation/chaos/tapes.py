@@ -131,8 +131,8 @@ def record_all(duration: float, robots: Sequence[int] = (0, 1, 2)) -> list[Tape]
     """
     Record robots' drives in an office, two drives elsewhere, and one that is interrupted.
 
-    Elsewhere is a corridor whose ends look alike, to a robot and to its map: two drives in it that
-    begin at either end are taken for one until the last map of both, which a test makes sure of.
+    Elsewhere is a corridor whose ends look alike, to a robot and to its map: of two drives in it
+    that begin at either end no map tells the difference until the last of both.
     """
     ends = (record('corridor', robot, WHOLE, 10 + robot) for robot in (0, 1))
     return [*(record('office', robot, duration, robot) for robot in robots),
