@@ -11,6 +11,7 @@ A year of faults an hour: teams in simulated time, with every fault that a seed 
 import argparse
 from collections import Counter
 from collections.abc import Iterable
+import gc
 import json
 from pathlib import Path
 import time
@@ -77,11 +78,13 @@ def campaign(seeds: Iterable[int], tapes: list[Tape], matching: Matching, lines:
 
 
 def share(matching: Matching, folder: Path | None, first: int | None) -> None:
-    """Take what other processes matched, and keep what the one with a first seed did."""
+    """Keep what the process with a first seed matched since then, and take what others did."""
+    if folder and first is not None:
+        count = len(list(folder.glob(f'{first}.*.matched')))
+        matching.memory.save(folder / f'{first}.{count:05}.matched')
     for path in sorted(folder.glob('*.matched') if folder else ()):
         matching.memory.load(path)
-    if folder and first is not None:
-        matching.memory.save(folder / f'{first}.matched')
+    gc.freeze()    # what is remembered is for good, and takes long to look through for garbage
 
 
 def record_of(outcome: Outcome, cpu: float) -> dict[str, Any]:

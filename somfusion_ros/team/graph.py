@@ -10,13 +10,14 @@ all robots that know the same pairs agree on it without a vote.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, with_drift
-from somfusion_ros.team.pose_graph import component, Estimate, leave_one_out, optimise, PoseGraph
+from somfusion_ros.team.pose_graph import components, Estimate, leave_one_out, optimise, PoseGraph
 from somfusion_ros.team.pose_graph import TUNING as SOLVING
 from somfusion_ros.team.voices import one_voice_each
 
@@ -40,6 +41,25 @@ class Solution:
     def group_of(self, robot: str) -> dict[str, Pose]:
         """Return T_world_map by robot of the group that holds a robot."""
         return next((group for group in self.groups if robot in group), {robot: Pose()})
+
+
+class Words(NamedTuple):
+    """
+    What is said, one voice each.
+
+    pairs (E, 2): node numbers; measured (E, 3): poses; information (E, 3, 3) of each, drift of
+    the maps included.
+    """
+
+    constraints: list[MapConstraint]
+    pairs: NDArray[np.intp]
+    measured: Array
+    information: Array
+
+    def only(self, which: Sequence[int]) -> 'Words':
+        """Return some of them."""
+        return Words([self.constraints[k] for k in which],
+                     *(part[np.asarray(which, np.intp)] for part in self[1:]))
 
 
 def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Solution:
@@ -85,9 +105,10 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     names, said = sorted(set(robots)), sorted(constraints, key=lambda c: (c.robots, c.author))
     _check(names, said)
     voices, dropped = one_voice_each(said)
+    words = Words(voices, _numbered(names, voices), *_measured(voices))
     near: dict[str, Pose] = {}
     while True:
-        solution = _place(names, voices, Counter(one.constraint.author for one in dropped), near)
+        solution = _place(names, words, Counter(one.constraint.author for one in dropped), near)
         near = {name: pose for group in solution.groups for name, pose in group.items()}
         dropped += solution.dropped
         wrong = Counter(one.constraint.author for one in solution.dropped)
@@ -96,11 +117,12 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
             return Solution(solution.groups, solution.covariances, tuple(dropped))
         dropped += [Dropped(one, f'all that {one.author} says is left out: over '
                             f'{CONTRADICTIONS} of its pairs contradict the others')
-                    for one in voices if one.author in liars]
-        voices = [one for one in voices if one.author not in liars]
+                    for one in words.constraints if one.author in liars]
+        words = words.only([k for k, one in enumerate(words.constraints)
+                            if one.author not in liars])
 
 
-def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str, int],
+def _place(names: list[str], words: Words, wrong: Mapping[str, int],
            near: Mapping[str, Pose]) -> Solution:
     """
     Solve every connected group; stop leaving out where one author is wrong too often.
@@ -110,19 +132,16 @@ def _place(names: list[str], voices: Sequence[MapConstraint], wrong: Mapping[str
     groups: list[dict[str, Pose]] = []
     covariances: dict[str, Array] = {}
     dropped: list[Dropped] = []
-    left = list(names)
-    pairs = _numbered(names, voices)
-    while left:
-        members = [names[i] for i in component(len(names), pairs, names.index(left[0]))]
-        here = set(members)
-        inside = [one for one in voices if one.target in here]
+    for group in components(len(names), words.pairs) if names else ():
+        members = [names[i] for i in group]
+        inside = words.only(np.flatnonzero(np.isin(words.pairs[:, 0], group)).tolist())
+        inside = inside._replace(pairs=np.searchsorted(group, inside.pairs))
         start = (np.array([between(near[members[0]], near[name]) for name in members])
                  if near else None)
         estimate, left_out = _consistent(members, inside, wrong, start)
         dropped += left_out
         groups.append({m: Pose.from_array(p) for m, p in zip(members, estimate.poses)})
         covariances |= dict(zip(members, estimate.covariances))
-        left = [name for name in left if name not in here]
     groups.sort(key=lambda group: (-len(group), min(group)))
     return Solution(tuple(groups), covariances, tuple(dropped))
 
@@ -134,8 +153,8 @@ def _check(names: list[str], constraints: Sequence[MapConstraint]) -> None:
         if constraint.target == constraint.source or not {*constraint.robots} <= known:
             raise ValueError(f'constraint {" - ".join(constraint.robots)} does not join two '
                              f'robots of {names}')
-    measured, P = _measured(constraints)
-    finite = np.isfinite(measured).all(axis=1) & np.isfinite(P).all(axis=(1, 2))
+    finite = np.isfinite(_poses(constraints)).all(axis=1) & np.isfinite(
+        _covariances(constraints)).all(axis=(1, 2))
     if not finite.all():
         wrong = constraints[int(finite.argmin())]
         raise ValueError(f'constraint {" - ".join(wrong.robots)} is not finite')
@@ -148,14 +167,13 @@ def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDA
                     dtype=np.intp).reshape(-1, 2)
 
 
-def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Mapping[str, int],
+def _consistent(members: list[str], words: Words, doubts: Mapping[str, int],
                 start: Array | None) -> tuple[Estimate, list[Dropped]]:
     """Solve one connected group, dropping constraints until the cycles agree."""
-    pairs, (measured, P) = _numbered(members, constraints), _measured(constraints)
-    times = _alike(pairs, [c.kind for c in constraints])
-    information = np.linalg.inv(with_drift(measured, P) * times[:, None, None])
-    graph = PoseGraph(len(members), pairs, measured, information)
-    constraints, estimate = list(constraints), optimise(graph, start, SOLVING.rough_step)
+    times = _alike(words.pairs, [c.kind for c in words.constraints])
+    graph = PoseGraph(len(members), words.pairs, words.measured,
+                      words.information / times[:, None, None])
+    constraints, estimate = list(words.constraints), optimise(graph, start, SOLVING.rough_step)
     dropped: list[Dropped] = []
     doubted = Counter(doubts)
     while _contradicts(graph, estimate):
@@ -174,9 +192,20 @@ def _consistent(members: list[str], constraints: list[MapConstraint], doubts: Ma
 
 
 def _measured(constraints: Sequence[MapConstraint]) -> tuple[Array, Array]:
-    """Return the poses (E, 3) of constraints, and their covariances (E, 3, 3)."""
-    poses = np.array([c.T_target_source for c in constraints], float).reshape(-1, 3)
-    return poses, np.array([c.covariance for c in constraints], float).reshape(-1, 3, 3)
+    """Return the poses (E, 3) of constraints, and their information (E, 3, 3)."""
+    poses = _poses(constraints)
+    return poses, np.linalg.inv(with_drift(poses, _covariances(constraints)))
+
+
+def _poses(constraints: Sequence[MapConstraint]) -> Array:
+    """Return the poses (E, 3) of constraints."""
+    return np.array([c.T_target_source for c in constraints], float).reshape(-1, 3)
+
+
+def _covariances(constraints: Sequence[MapConstraint]) -> Array:
+    """Return the covariances (E, 3, 3) of constraints."""
+    return np.concatenate([np.zeros((0, 3)), *(c.covariance for c in constraints)]
+                          ).reshape(-1, 3, 3)
 
 
 def _alike(pairs: NDArray[np.intp], kinds: list[str]) -> NDArray[np.intp]:

@@ -67,6 +67,7 @@ class PairHistory:
         self._refusals = self._near_refusals = 0
         self._matched: tuple[Grid, Grid] | None = None
         self._matched_at = 0.0
+        self._compared: tuple[tuple[Grid, ...], float] = (), 0.0    # maps, and what changed
 
     @property
     def doubted(self) -> bool:
@@ -91,11 +92,18 @@ class PairHistory:
             return True
         patience = max(TUNING.soon, TUNING.time_share * sum(self.last.seconds.values()))
         rested = now - self._matched_at >= patience
-        changed = max(change(old, new) for old, new in zip(self._matched, (target, source)))
+        changed = self._changed(*self._matched, target, source)
         self.settled = changed < TUNING.least_change and not self._unfinished
         if rested:
             return not self.settled
         return changed >= max(minimum_change, TUNING.least_change)
+
+    def _changed(self, *maps: Grid) -> float:
+        """Return how much two maps differ from two others; the same four are compared once."""
+        if len(self._compared[0]) != len(maps) or any(
+                one is not other for one, other in zip(maps, self._compared[0])):
+            self._compared = maps, max(change(old, new) for old, new in zip(maps, maps[2:]))
+        return self._compared[1]
 
     def record(self, alignment: Alignment, target: Grid, source: Grid, now: float,
                impossible: bool = False) -> str:

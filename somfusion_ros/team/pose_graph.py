@@ -66,31 +66,48 @@ class PoseGraph:
         numbers, number = np.unique(self.pairs @ [self.nodes, 1], return_inverse=True)
         a, b = np.divmod(numbers, self.nodes)
         place = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], 1)
-        summed = _by_link(number, self.information.reshape(-1, 9), len(numbers))
-        return Links(a, b, number, summed.reshape(-1, 3, 3), place)
+        order = np.argsort(number, kind='stable')
+        first = np.searchsorted(number[order], np.arange(len(numbers)))
+        node = np.arange(self.nodes)[:, None]
+        return Links(a, b, number, order, first,
+                     np.add.reduceat(self.information[order], first, axis=0), place,
+                     ((node == a).astype(float), (node == b).astype(float)))
 
 
 class Links(NamedTuple):
     """
     Pairs (L,) of nodes a, b that constraints join.
 
-    number (E,): that of every constraint; information (L, 3, 3): that of all constraints on a
-    pair, whose residuals have the same Jacobian; place (L, 6): of this in the normal matrix.
+    number (E,): that of every constraint; order (E,): constraints by that number, and first (L,)
+    of each in it; information (L, 3, 3): that of all constraints on a pair, whose residuals have
+    the same Jacobian; place (L, 6): of this in the normal matrix; ends (nodes, L): 1 where a node
+    is a, and where it is b.
     """
 
     a: NDArray[np.intp]
     b: NDArray[np.intp]
     number: NDArray[np.intp]
+    order: NDArray[np.intp]
+    first: NDArray[np.intp]
     information: Array
     place: NDArray[np.intp]
+    ends: tuple[Array, Array]
 
 
-class Estimate(NamedTuple):
-    """Poses (nodes, 3) in node 0's frame, P (3 nodes, 3 nodes) of all, chi-square (E,)."""
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Poses (nodes, 3) in node 0's frame, normal matrix H (3 nodes, 3 nodes), chi-square (E,)."""
 
     poses: Array
-    P: Array
+    H: Array
     chi2: Array
+
+    @cached_property
+    def P(self) -> Array:
+        """Covariance (3 nodes, 3 nodes) of all poses."""
+        P = np.zeros_like(self.H)
+        P[3:, 3:] = np.linalg.inv(self.H[3:, 3:])
+        return P
 
     @property
     def covariances(self) -> Array:
@@ -100,12 +117,13 @@ class Estimate(NamedTuple):
         return blocks
 
 
-def component(nodes: int, pairs: NDArray[np.intp], start: int) -> list[int]:
-    """Return the nodes that constraints connect to a start node, in rising order."""
+def components(nodes: int, pairs: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return the nodes of every connected group in rising order, the group of node 0 first."""
     a, b = pairs.reshape(-1, 2).T
     links = coo_array((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
-    labels = connected_components(links, directed=False)[1]
-    return np.flatnonzero(labels == labels[start]).tolist()
+    count, labels = connected_components(links, directed=False)
+    groups = [np.flatnonzero(labels == label) for label in range(count)]
+    return sorted(groups, key=lambda group: int(group[0]))
 
 
 def optimise(graph: PoseGraph, start: Array | None = None,
@@ -117,13 +135,16 @@ def optimise(graph: PoseGraph, start: Array | None = None,
     """
     poses = _along_tree(graph) if start is None else start
     for _ in range(MAX_ITERATIONS):
-        poses, step = _step(graph, poses)
-        if step < tolerance:
+        H, gradient = _linearise(graph, poses)
+        step = np.zeros((graph.nodes, 3))
+        step[1:] = -np.linalg.solve(H[3:, 3:], gradient[3:]).reshape(-1, 3)
+        poses = poses + step
+        poses[:, 2] = wrap(poses[:, 2])
+        if np.abs(step).max() < tolerance:
             break
-    H, _, chi2 = _linearise(graph, poses)
-    P = np.zeros((3 * graph.nodes, 3 * graph.nodes))
-    P[3:, 3:] = np.linalg.inv(H[3:, 3:])
-    return Estimate(poses, P, chi2)
+    residual = _residuals(graph, poses)      # H is as it was a step ago, which is within tolerance
+    chi2 = np.einsum('ei,ei->e', residual, np.einsum('eij,ej->ei', graph.information, residual))
+    return Estimate(poses, H, chi2)
 
 
 def leave_one_out(graph: PoseGraph, estimate: Estimate) -> Array:
@@ -162,37 +183,20 @@ def _removed(graph: PoseGraph, poses: Array, spread: Array, which: NDArray[np.in
     return np.where(tied.any(axis=1), removed, -np.inf)
 
 
-def _step(graph: PoseGraph, poses: Array) -> tuple[Array, float]:
-    """Do one step of Gauss-Newton: new poses and the size of the step."""
-    H, gradient, _ = _linearise(graph, poses)
-    step = np.zeros(3 * graph.nodes)
-    step[3:] = -np.linalg.solve(H[3:, 3:], gradient[3:])
-    poses = poses + step.reshape(-1, 3)
-    poses[:, 2] = wrap(poses[:, 2])
-    return poses, float(np.abs(step).max())
-
-
-def _linearise(graph: PoseGraph, poses: Array) -> tuple[Array, Array, Array]:
-    """Build the normal matrix H, gradient, and chi-square per constraint at the given poses."""
-    links, residual, size = graph.links, _residuals(graph, poses), 3 * graph.nodes
-    weighted = np.einsum('eij,ej->ei', graph.information, residual)
-    pull = _by_link(links.number, weighted, len(links.a))
+def _linearise(graph: PoseGraph, poses: Array) -> tuple[Array, Array]:
+    """Build the normal matrix H and the gradient at the given poses."""
+    links, nodes = graph.links, np.arange(graph.nodes)
+    weighted = np.einsum('eij,ej->ei', graph.information, _residuals(graph, poses))
+    pull = np.add.reduceat(weighted[links.order], links.first, axis=0)
     by_a, by_b = _jacobians(graph, poses)
     H = np.zeros((graph.nodes, 3, graph.nodes, 3))
     ours, theirs = by_a.swapaxes(1, 2) @ links.information, by_b.swapaxes(1, 2) @ links.information
     H[links.a, :, links.b] = ours @ by_b
     H += H.transpose(2, 3, 0, 1)
-    gradient = np.zeros((graph.nodes, 3))
-    for nodes, JtW, J in ((links.a, ours, by_a), (links.b, theirs, by_b)):
-        own = _by_link(nodes, (JtW @ J).reshape(-1, 9), graph.nodes)
-        H[np.arange(graph.nodes), :, np.arange(graph.nodes)] += own.reshape(-1, 3, 3)
-        gradient += _by_link(nodes, np.einsum('eji,ej->ei', J, pull), graph.nodes)
-    return H.reshape(size, size), gradient.ravel(), np.einsum('ei,ei->e', residual, weighted)
-
-
-def _by_link(number: NDArray[np.intp], values: Array, count: int) -> Array:
-    """Sum values (E, K) of equal numbers (E,) below a count: (count, K)."""
-    return np.stack([np.bincount(number, column, count) for column in values.T], axis=1)
+    own = sum(end @ np.hstack([(JtW @ J).reshape(-1, 9), np.einsum('eji,ej->ei', J, pull)])
+              for end, JtW, J in zip(links.ends, (ours, theirs), (by_a, by_b)))
+    H[nodes, :, nodes] += own[:, :9].reshape(-1, 3, 3)
+    return H.reshape(3 * graph.nodes, -1), own[:, 9:].ravel()
 
 
 def _residuals(graph: PoseGraph, poses: Array) -> Array:

@@ -10,7 +10,7 @@ Bodies do: whoever drives about in the one end is not where the other one drives
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from somfusion_ros.fusion.alignment import Alignment
@@ -79,6 +79,8 @@ class Presence:
 
     def __init__(self) -> None:
         self._met: dict[str, deque[Meeting]] = {}
+        self._changes = 0     # of all that was noted
+        self._answers: dict[str, tuple[Any, int]] = {}    # to what was asked last of a peer
         self._looked: dict[str, int] = {}     # views of each robot that were looked at
 
     def hear(self, peer: str, item: TimedPose, own: Heard, now: float) -> None:
@@ -94,9 +96,11 @@ class Presence:
         if len(meeting.seen.reach) or len(meeting.by_peer.reach) or not met or np.hypot(
                 *np.subtract(meeting.peer, met[-1].peer)[:2]) >= TUNING.apart:
             met.append(meeting)
+            self._changes += 1
 
     def forget(self, robot: str | None = None) -> None:
         """Forget what was noted of a robot, None: of all, whose map is another one."""
+        self._changes += 1
         for peer in list(self._met) if robot is None else [robot]:
             self._met.pop(peer, None)
         self._looked = {} if robot is None else {
@@ -124,6 +128,13 @@ class Presence:
 
     def contradicted(self, peer: str, T_own_peer: Pose) -> int:
         """Return at how many places, if at enough, a transform has bodies where none can be."""
+        asked = self._changes, T_own_peer      # what is noted from here on is looked at next time
+        if self._answers.get(peer, ((), 0))[0] != asked:
+            self._answers[peer] = asked, self._count_contradictions(peer, T_own_peer)
+        return self._answers[peer][1]
+
+    def _count_contradictions(self, peer: str, T_own_peer: Pose) -> int:
+        """Count the places, if they are enough, at which a transform has bodies where none are."""
         met = list(self._met.get(peer, ()))     # in one step: another thread adds to them
         if not met:
             return 0

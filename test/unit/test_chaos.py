@@ -106,6 +106,21 @@ def test_a_memory_of_other_code_is_not_used(tmp_path: Path, monkeypatch: pytest.
     assert not other.known
 
 
+def test_a_memory_saves_each_result_once(tmp_path: Path) -> None:
+    """What another process saved is not saved again, nor read twice."""
+    one, other = Memory(9), Memory(9)
+    one.of('a', 'a'.upper)
+    one.save(tmp_path / '1')
+    other.of('b', 'b'.upper)
+    other.load(tmp_path / '1')
+    other.save(tmp_path / '2')
+    assert pickle.loads((tmp_path / '2').read_bytes())[1] == {'b': 'B'}
+    (tmp_path / '1').unlink()
+    other.load(tmp_path / '1')      # it is known, and not looked for
+    one.load(tmp_path / '2')
+    assert one.known == other.known == {'a': 'A', 'b': 'B'}
+
+
 def test_what_breaks_is_found_and_shrunk_to_the_faults_that_matter(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """A session that raises when it meets a ghost: two of three faults have no part in it."""

@@ -141,7 +141,8 @@ class Team:
             for robot in self.robots.values():
                 if robot.station is not None and not robot.off:
                     before = self._matching.asked
-                    robot.station.work(now)
+                    if not robot.station.work(now):
+                        continue
                     pieces = self._matching.asked - before
                     self._invariants.worked(robot, pieces, self._matching.sizes)
                     self._invariants.accepted(robot, now)

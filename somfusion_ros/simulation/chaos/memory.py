@@ -9,6 +9,7 @@ same to the last bit.
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
+from functools import cache
 import hashlib
 from pathlib import Path
 import pickle
@@ -36,6 +37,8 @@ class Memory:
         self.known: dict[Hashable, Any] = {}
         self.asked = self.done = 0
         self._most = most
+        self._on_disk: set[Hashable] = set()     # what was saved or loaded, and
+        self._loaded: set[Path] = set()          # from where
 
     def of(self, key: Hashable, work: Callable[[], Any]) -> Any:
         """Return what came of a piece of work before, or do it."""
@@ -48,18 +51,26 @@ class Memory:
         return self.known[key]
 
     def save(self, path: Path) -> None:
-        """Keep all results on disk, for a process of the same code."""
+        """Keep the results that are on disk nowhere yet, for a process of the same code."""
+        new = {key: found for key, found in self.known.items() if key not in self._on_disk}
         unfinished = path.with_suffix('.unfinished')
-        unfinished.write_bytes(pickle.dumps((code_digest(), self.known)))
+        unfinished.write_bytes(pickle.dumps((code_digest(), new)))
         unfinished.replace(path)
+        self._on_disk |= new.keys()
+        self._loaded.add(path)
 
     def load(self, path: Path) -> None:
-        """Add the results of another process, if it ran the same code."""
+        """Add the results of another process, if it ran the same code, once."""
+        if path in self._loaded:
+            return
+        self._loaded.add(path)
         code, known = pickle.loads(path.read_bytes())
         if code == code_digest():
             self.known |= known
+            self._on_disk |= known.keys()
 
 
+@cache
 def code_digest() -> str:
     """Return a word that no other version of what maps are made and matched with has."""
     root = Path(somfusion_ros.__file__).parent

@@ -120,10 +120,10 @@ class Station:
             read = self._matching.read_state if one.channel == STATE else same
             self.inbox.keep(robot, one.channel, payload, one.message.size, read, rank)
 
-    def work(self, now: float) -> None:
-        """Do what the worker of a fusion node does, once, if there may be anything to do."""
+    def work(self, now: float) -> bool:
+        """Do what the worker of a fusion node does, if there may be anything; return whether."""
         if now < self.due:
-            return
+            return False
         self._now, words = now, len(self.words)
         self.views.drain()
         own, network = self.inbox.drain(), self._network
@@ -161,6 +161,7 @@ class Station:
             self._rest, self._before = min(2.0 * self._rest, REST) if idle else WORK_EVERY, shown
             self._stirred = False
         self.due = now + self._rest
+        return True
 
     def look(self, present: set[str]) -> None:
         """Note who is there."""
