@@ -10,6 +10,7 @@ would do the writing, but has no checksums: one flipped bit in an inner page los
 
 from collections.abc import Callable, Iterator, Mapping
 import fcntl
+import math
 import os
 from pathlib import Path
 import struct
@@ -54,7 +55,7 @@ def _unpacked(payload: bytes) -> dict[str, Array]:
         at += 2 + length
         shape = struct.unpack_from(f'<{dimensions}I', payload, at)
         at += 4 * dimensions
-        count = int(np.prod(shape, dtype=np.int64))
+        count = math.prod(shape)
         arrays[name] = np.frombuffer(payload, dtype, count, at).reshape(shape).copy()
         at += arrays[name].nbytes
     return arrays

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, compose, Pose, wrap
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.dirty_cells import DirtyCells
 from somfusion_ros.slam.drawn_scans import DrawnScans
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.map_scans import MapScan
@@ -48,8 +49,8 @@ class Mapper:
     """
     Renders scans: new ones, and where poses moved, what the moved ones see now and saw before.
 
-    A scan that is not kept any more stays drawn until then, under what is drawn over it. One with
-    which the map would be too large is left out, and counted in counters as `map_scans_too_far`.
+    How much is drawn at once may be bounded, whatever the size of the map. A scan that is not
+    kept any more stays drawn until then, under what is drawn over it. One with which the map would be too large is left out, and counted in counters as `map_scans_too_far`.
     """
 
     def __init__(self, resolution: float, counters: Counter[str] | None = None) -> None:
@@ -67,10 +68,12 @@ class Mapper:
         """
         Draw scans, by age, at their views' poses (n, 3); return the map in the map frame.
 
-        most: how many moved scans are drawn anew at once, those that moved farthest; how many are
-        left for later is in counters as `map_scans_behind`.
+        most: how many new scans are drawn at once, and how many moved ones are drawn anew, around
+        the one that moved farthest; how many are left for later is in counters as
+        `map_scans_undrawn` and `map_scans_behind`.
         """
         placed = dict(zip([scan.outline for scan in scans], place(scans, views), strict=True))
+        placed = self._up_to(placed, most)
         outlines, poses = list(placed), np.array(list(placed.values())).reshape(-1, 3)
         now = self._drawn.chosen([self._rows.get(seen, -1) for seen in outlines])
         moved = self._moved(now, poses, most)
@@ -100,6 +103,13 @@ class Mapper:
         x, y = self._corner * self.resolution
         return Grid(self._cells.copy(), self.resolution, Pose(x, y, 0.0))
 
+    def _up_to(self, placed: dict[Outline, Array], most: int | None) -> dict[Outline, Array]:
+        """Leave out the new scans beyond the oldest `most`."""
+        new = [seen for seen in placed if seen not in self._rows]
+        later = set() if most is None else set(new[most:])
+        self._counters['map_scans_undrawn'] = len(later)
+        return {seen: pose for seen, pose in placed.items() if seen not in later}
+
     def _moved(self, now: DrawnScans, poses: Array, most: int | None) -> NDArray[np.bool_]:
         """Tell which of the drawn scans lie half a cell or a degree from where they are drawn."""
         d = np.abs(poses - now.poses)
@@ -109,7 +119,10 @@ class Mapper:
         if most is not None:
             behind = max(0, int(np.count_nonzero(moved)) - most)
             self._counters['map_scans_behind'] = behind
-            moved[np.argsort(off)[:len(off) - most if behind else 0]] = False
+            if behind:
+                away = np.hypot(*(now.poses[:, :2] - now.poses[off.argmax(), :2]).T)
+                away[~moved] = np.inf
+                moved[np.argsort(away)[most:]] = False
         return moved
 
     def _fit(self, now: DrawnScans, again: NDArray[np.bool_]) -> None:
@@ -122,15 +135,11 @@ class Mapper:
     def _redraw(self, changed: Array, outlines: Sequence[Outline], now: DrawnScans,
                 shown: NDArray[np.bool_]) -> None:
         """Draw anew the rectangles (n, 4) [m] that moved scans covered before, and cover now."""
-        dirty = np.zeros(self._cells.shape, np.uint8)
-        for x0, y0, x1, y1 in self._windows(changed).tolist():
-            dirty[y0:y1, x0:x1] = 1
-        where, count = dirty > 0, cv2.integral(dirty)   # of dirty cells up to each
-        self._cells[where] = 0.0
-        x0, y0, x1, y1 = self._windows(now.bounds[shown]).T
-        touched = count[y1, x1] - count[y0, x1] - count[y1, x0] + count[y0, x0] > 0
+        dirty = DirtyCells.of(self._windows(changed))
+        self._cells[dirty.window][dirty.mask] = 0.0
+        touched = dirty.touch(self._windows(now.bounds[shown]))
         for k in np.flatnonzero(shown)[touched]:
-            self._draw(outlines[k], now.poses[k], now.bounds[k], where)
+            self._draw(outlines[k], now.poses[k], now.bounds[k], dirty)
 
     def _windows(self, bounds: Array) -> NDArray[np.intp]:
         """Return the cells (n, 4), columns x0 to x1, rows y0 to y1, around bounds (n, 4) [m]."""
@@ -165,12 +174,12 @@ class Mapper:
         return fits[-len(bounds):]
 
     def _draw(self, seen: Outline, pose: Array, bounds: Array,
-              where: NDArray[np.bool_] | None = None) -> None:
+              where: DirtyCells | None = None) -> None:
         """Add the evidence of a scan at a pose (3,), within its bounds (4,); where: cells."""
-        x0, y0, x1, y1 = self._windows(bounds[None])[0].tolist()
-        window = slice(y0, y1), slice(x0, x1)
-        mask = None if where is None else where[window]
-        before = self._cells[window]
+        window = self._windows(bounds[None])[0]
+        x0, y0, x1, y1 = window.tolist()
+        mask = None if where is None else where.within(window)
+        before = self._cells[y0:y1, x0:x1]
         after = before if mask is None else before.copy()
         hits, walls = seen.surface()
         self._add(after, (x0, y0), apply(pose, seen.rim),

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a robot has not told of its path yet."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakSet
 
 import numpy as np
@@ -29,18 +29,20 @@ TUNING = TellerTuning()
 
 
 class Teller:
-    """Tells of a robot's path what it has not told yet."""
+    """Tells of a robot's path what it has not told yet; views: how many it told."""
 
     def __init__(self) -> None:
-        self._views = self._constraints = self._steps = self._rows = 0
+        self.views = self._constraints = self._steps = 0
         self._poses: list[Array] = []      # of the views as they were told
         self._told: WeakSet[Outline] = WeakSet()
         self._last: tuple[int, Array] = -1, np.zeros(3)
         self._shown = Shown()
         self._empty: set[int] = set()      # views that were taken back
 
-    def more(self, path: Checkpoint) -> Facts:
-        """Return the facts of a path that are new."""
+    def more(self, path: Checkpoint, most: int | None = None) -> Facts:
+        """Return the facts of a path that are new; of up to `most` views, the oldest."""
+        if most is not None and len(path.clouds) > self.views + most:
+            return self.more(self._up_to(path, self.views + most))
         steps, loops = {}, []
         for constraint in path.constraints[self._constraints:]:
             if constraint.second == self._steps + 1:     # the first that leads to a view
@@ -50,7 +52,7 @@ class Teller:
                 loops.append(encode_constraint(constraint))
         taken_back = self._taken_back(path)
         views = []
-        for k in range(self._views, len(path.clouds)):
+        for k in range(self.views, len(path.clouds)):
             outline = path.clouds[k].outline
             self._told.add(outline)
             self._shown.add(outline, path.poses[k])
@@ -60,12 +62,20 @@ class Teller:
             self._poses.append(view.pose_after(self._poses))
             views.append(view.encode())
         between = [encode_scan(scan) for scan in self._fresh(path)]
-        self._views, self._constraints = len(path.clouds), len(path.constraints)
+        self.views, self._constraints = len(path.clouds), len(path.constraints)
         return Facts(tuple(views), tuple(loops), tuple(between), taken_back)
+
+    def _up_to(self, path: Checkpoint, n: int) -> Checkpoint:
+        """Return what a path was before its view n."""
+        grown = (k for k in range(self._constraints, len(path.constraints))
+                 if path.constraints[k].second >= n)
+        return replace(path, clouds=path.clouds[:n],
+                       constraints=path.constraints[:next(grown, len(path.constraints))],
+                       scans=[scan for scan in path.scans if scan.view < n])
 
     def _taken_back(self, path: Checkpoint) -> tuple[Fact, ...]:
         """Tell of views that were told and show nothing any more."""
-        empty = {k for k in range(min(self._views, len(path.clouds)))
+        empty = {k for k in range(min(self.views, len(path.clouds)))
                  if not len(path.clouds[k].outline.reach)}
         fresh = sorted(empty - self._empty)
         self._empty = empty
@@ -73,17 +83,14 @@ class Teller:
 
     def _fresh(self, path: Checkpoint) -> list[DrawnScan]:
         """Choose scans that show something new, spaced from one another and from their view."""
-        rows = path.trail[min(self._rows, len(path.trail)):]
-        stamps = {(int(row[1]), *row[2:]): float(row[0]) for row in rows}
-        self._rows = len(path.trail)
+        fresh = [scan for scan in path.scans if scan.outline not in self._told]
+        stamps = _stamps(path, {scan.view for scan in fresh})
         chosen = []
-        for scan in path.scans:
-            if scan.outline in self._told:
-                continue
+        for scan in fresh:
             self._told.add(scan.outline)
             view, last = self._last
             x, y, theta = scan.T_view_base - (last if view == scan.view else np.zeros(3))
-            stamp = stamps.get((scan.view, *scan.T_view_base))
+            stamp = stamps.get((scan.view, *scan.T_view_base.tolist()))
             if stamp is None or max(np.hypot(x, y), abs(wrap(theta))) < TUNING.spacing:
                 continue
             pose = compose(path.poses[scan.view], scan.T_view_base)
@@ -93,6 +100,12 @@ class Teller:
             self._last = scan.view, scan.T_view_base
             chosen.append(DrawnScan(stamp, scan.view, scan.T_view_base, scan.outline))
         return chosen
+
+
+def _stamps(path: Checkpoint, views: set[int]) -> dict[tuple[float, ...], float]:
+    """Return the stamps [s] of the scans that hang on some views, by view and T_view_base."""
+    rows = path.trail[np.isin(path.trail[:, 1], list(views))]
+    return {tuple(row[1:]): row[0] for row in rows.tolist()}
 
 
 def tell(path: Checkpoint) -> Facts:

@@ -124,6 +124,33 @@ def test_a_bounded_redraw_follows_the_poses_a_few_scans_at_a_time(seed: int) -> 
         assert len(a ^ b) < 0.001 * len(b)
 
 
+def test_a_long_map_is_drawn_a_few_scans_at_a_time() -> None:
+    """So that a node that goes on with it answers meanwhile."""
+    every, counters = scans(2), Counter[str]()
+    mapper, left = Mapper(0.05, counters), len(every)
+    while left:
+        grid = mapper.render(every, PLACES, most=5)
+        assert counters['map_scans_undrawn'] == max(0, left - 5)
+        left = counters['map_scans_undrawn']
+    whole = Mapper(0.05).render(every, PLACES)
+    assert grid.known.sum() == whole.known.sum()
+    assert np.isclose(grid.evidence.sum(), whole.evidence.sum())
+
+
+def test_a_bounded_redraw_keeps_together_what_it_draws() -> None:
+    """A second room far away waits, though all of it moved nearly as far."""
+    every = [replace(scan, view=scan.view + room * len(PLACES))
+             for room in range(2) for scan in scans()]
+    views = np.concatenate([PLACES, PLACES + (60.0, 0.0, 0.0)])
+    moved = views + (0.2, 0.0, 0.0)
+    moved[0, 0] += 0.01
+    mapper = Mapper(0.05)
+    mapper.render(every, views)
+    with patch.object(Mapper, '_add', autospec=True, side_effect=Mapper._add) as add:
+        mapper.render(every, moved, most=len(every) // 2)
+    assert add.call_count == len(every) // 2
+
+
 def test_an_empty_map_is_one_unknown_cell():
     grid = Mapper(0.05).render([], np.zeros((0, 3)))
     assert grid.shape == (1, 1) and not grid.known.any()

@@ -248,6 +248,19 @@ def test_nothing_is_told_twice_and_nothing_left_out() -> None:
     assert len(set(between)) == len(between) >= len(at_once.between)
 
 
+def test_a_long_path_is_told_a_few_views_at_a_time() -> None:
+    """A robot that goes on with a long map does not keep its services waiting."""
+    whole, teller, parts = path(), Teller(), list[Facts]()
+    while teller.views < len(whole.clouds):
+        parts.append(teller.more(whole, most=2))
+    at_once = tell(whole)
+    assert [len(part.views) for part in parts] == [2] * (len(whole.clouds) // 2)
+    assert sum((part.views for part in parts), ()) == at_once.views
+    assert sum((part.loops for part in parts), ()) == at_once.loops
+    assert len(sum((part.between for part in parts), ())) >= len(at_once.between)
+    assert teller.more(whole, most=2).every == ()
+
+
 def test_order_and_doubling_do_not_matter_and_what_follows_a_gap_waits() -> None:
     told = tell(path())
     mixed = heard(Facts(told.views[::-1] + told.views[2:4], told.loops))

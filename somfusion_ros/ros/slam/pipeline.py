@@ -30,9 +30,10 @@ from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.session import Session
+from somfusion_ros.slam.slam import Slam
 
 TICK = 0.1   # [s] between looks at scans that wait in vain
-DRAWN_AT_ONCE = 1000   # moved scans that a map is drawn anew with; the next ones follow
+DRAWN_AT_ONCE = 1000   # scans that are drawn, or drawn anew, before anything else may be done
 
 
 class Pipeline:
@@ -102,7 +103,10 @@ class Pipeline:
         """Write the map as it is now as `<stem>.yaml` and `<stem>.pgm`; return what was done."""
         if not len(self.session.slam.views()[0]):
             raise ValueError('there is no map to save yet: no scan could be used')
-        path = write_map(stem.parent, self._publish_map(), stem.name)
+        slam = self.session.slam
+        grid = slam.grid()
+        self._publish_map(slam, grid)
+        path = write_map(stem.parent, grid, stem.name)
         return f'map saved to {path}'
 
     def serialize(self, stem: Path) -> str:
@@ -173,7 +177,7 @@ class Pipeline:
         if np.isfinite(slam.last_stamp):
             self._last.stamp = time_message(slam.last_stamp)
         self._drawn = None   # the map is drawn after a step, or as the run begins with it
-        self._map_due = 0.0
+        self._map_due, self._telling = 0.0, False
 
     def _process(self) -> bool:
         """Follow the robot through one scan that odometry covers; return whether there was one."""
@@ -203,30 +207,40 @@ class Pipeline:
         self._found = len(slam.found)
 
     def _work(self) -> bool:
-        """Close one loop or publish the map; return whether there is more."""
-        more = self.session.slam.work()
+        """Close one loop, draw, or tell some views; return whether there is more."""
+        slam = self.session.slam
+        more = slam.work()
         if time.monotonic() >= self._map_due:
-            newest = self._last.step or self._beginning.checkpoint
-            if newest is not self._drawn:
-                self._publish_map(DRAWN_AT_ONCE)
-                behind = self.session.slam.counters['map_scans_behind']
-                self._drawn = None if behind else newest
-            elif self.map is not None:
-                self._publisher.repeat_map()
-            self._map_due = time.monotonic() + self.map_interval
-        self._keeper.keep(self.session.slam, self._last.step, time.monotonic())
+            more = self._show(slam) or more
+        if self._telling:
+            self._telling = self._publisher.views(slam)
+        self._keeper.keep(slam, self._last.step, time.monotonic())
         self._last.not_saved = self._keeper.fault
-        return more
+        return more or self._telling
 
-    def _publish_map(self, most: int | None = None) -> Grid:
-        """Draw and publish the map; most: how many moved scans are drawn anew."""
-        slam, stamp = self.session.slam, self._last.stamp or Time()
-        grid = slam.grid(most)
+    def _show(self, slam: Slam) -> bool:
+        """Draw some of the map, and publish it once it is whole; return whether it is not."""
+        newest = self._last.step or self._beginning.checkpoint
+        if newest is not self._drawn:
+            grid = slam.grid(DRAWN_AT_ONCE)
+            if slam.counters['map_scans_undrawn']:
+                return True      # of a long map that is gone on with
+            self._publish_map(slam, grid)
+            self._drawn = None if slam.counters['map_scans_behind'] else newest
+        elif self.map is not None:
+            self._publisher.repeat_map()
+        self._map_due = time.monotonic() + self.map_interval
+        return False
+
+    def _publish_map(self, slam: Slam, grid: Grid) -> None:
+        """Publish a map as it was drawn just now."""
+        stamp = self._last.stamp or Time()
         if slam.counters['map_scans_too_far']:
             self._count('maps_too_large', 'scans are not drawn, as the map would be too large')
         if not self._mapper.stopping:
-            self.map = self._publisher.grid(grid, slam, stamp)
-        return grid
+            self.map = self._publisher.map_message(grid, slam, stamp)
+            self._publisher.grid(self.map, grid, slam)   # whoever hears of it may ask for it
+            self._telling = True
 
     def _on_error(self, error: Exception) -> None:
         self._count('worker_errors', repr(error))

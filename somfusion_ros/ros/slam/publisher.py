@@ -44,17 +44,23 @@ class SlamPublisher:
         self.sends_transforms = (config.transform_publish_period > 0
                                  and self._transforms.available)
 
-    def grid(self, grid: Grid, slam: Slam, stamp: Time) -> OccupancyGrid:
-        """Publish map, metadata and path; return the map's message."""
-        frame = self._config.map_frame
-        message = convert.grid_message(grid, frame, stamp)
+    def map_message(self, grid: Grid, slam: Slam, stamp: Time) -> OccupancyGrid:
+        """Return the message of a map."""
+        message = convert.grid_message(grid, self._config.map_frame, stamp)
         message.info.map_load_time = self.epoch(slam.epoch).loaded
+        return message
+
+    def grid(self, message: OccupancyGrid, grid: Grid, slam: Slam) -> None:
+        """Publish a map, of which this is the message, its metadata and path."""
         stamps, poses = slam.views()
-        self._path_message = convert.path_message(stamps, slam.bend.views(poses), frame, stamp)
+        self._path_message = convert.path_message(
+            stamps, slam.bend.views(poses), self._config.map_frame, message.header.stamp)
         self._shown = message, grid
         self.repeat_map()
-        self._views.publish(slam)
-        return message
+
+    def views(self, slam: Slam) -> bool:
+        """Tell some of the views that were not told yet; return whether more are left."""
+        return self._views.publish(slam)
 
     def epoch(self, epoch: Epoch) -> MapEpoch:
         """Publish which map all else speaks of, once it is another one; return the word on it."""

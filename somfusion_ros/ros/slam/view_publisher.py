@@ -14,6 +14,9 @@ from somfusion_ros.team.view_store import encode_batches
 from std_msgs.msg import UInt8MultiArray
 
 
+TOLD_AT_ONCE = 100   # views: 0.3 s of work
+
+
 class ViewPublisher:
     """Publishes what of the path was not told yet; of another map all is told anew."""
 
@@ -22,13 +25,14 @@ class ViewPublisher:
         self._epoch: Epoch | None = None
         self._told: tuple[Teller, str]
 
-    def publish(self, slam: Slam) -> None:
-        """Tell what is new."""
+    def publish(self, slam: Slam) -> bool:
+        """Tell some of what is new; return whether there is more."""
         path = slam.checkpoint()
         if path.epoch != self._epoch:
             self._epoch, self._told = path.epoch, (Teller(), uuid4().hex[:6])
         teller, telling = self._told
-        for batch in encode_batches(path.epoch, telling, teller.more(path)):
+        for batch in encode_batches(path.epoch, telling, teller.more(path, TOLD_AT_ONCE)):
             block = array('B')
             block.frombytes(batch)
             self._topic.publish(UInt8MultiArray(data=block))
+        return teller.views < len(path.clouds)
