@@ -50,7 +50,8 @@ class Mapper:
     Renders scans: new ones, and where poses moved, what the moved ones see now and saw before.
 
     How much is drawn at once may be bounded, whatever the size of the map. A scan that is not
-    kept any more stays drawn until then, under what is drawn over it. One with which the map would be too large is left out, and counted in counters as `map_scans_too_far`.
+    kept any more stays drawn until then, under what is drawn over it. One with which the map
+    would be too large is left out, and counted in counters as `map_scans_too_far`.
     """
 
     def __init__(self, resolution: float, counters: Counter[str] | None = None) -> None:
