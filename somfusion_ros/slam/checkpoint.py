@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.geometry import Array
+from somfusion_ros.geometry import Array, between
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loops import centre
 from somfusion_ros.slam.map_scans import MapScan, MapScans
 from somfusion_ros.slam.mapping import place
@@ -51,6 +52,13 @@ class ViewGraph:
             self.clouds[view], self.centres[view] = NOTHING, FAR
             self.hidden.add(view)
 
+    def replace(self, views: Iterable[int]) -> None:
+        """Let views show nothing but what is drawn of them: newer ones took their place."""
+        for view in views:
+            drawn = self.clouds[view].outline
+            self.hide([view])
+            self.clouds[view] = Cloud(NOTHING.points, NOTHING.normals, drawn)
+
     def showing(self) -> NDArray[np.bool_]:
         """Return which views (n,) show what they saw."""
         showing = np.ones(self.ekf.n, bool)
@@ -79,6 +87,12 @@ class ViewGraph:
                                      strict=True):
             self.trail.append(float(stamp), int(view) + first, pose)
 
+    def local_map(self, view: int, around: Sequence[int]) -> LocalMap:
+        """Join what views saw, in the frame of one of them."""
+        poses = self.ekf.poses
+        return LocalMap.of_views([self.clouds[k] for k in around],
+                                 list(between(poses[view], poses[list(around)])))
+
     def chain(self, view: int) -> range:
         """Return the views that follow one another, with a view among them."""
         begins = self.ekf.begins
@@ -95,7 +109,8 @@ class Checkpoint:
     poses (n, 3), stamps (n,) [s] and clouds of the views; the constraints, by age, from which
     their covariance follows; the scans kept for the map; the trail (m, 5): see `Trail`; the views
     whose loops are to be closed; the view that the robot was tracked from, and the tracker's
-    state; which map it is.
+    state; which map it is. The views that a scan is matched against, and those that were added
+    of late: none in a file of an earlier version.
     """
 
     poses: Array
@@ -108,13 +123,17 @@ class Checkpoint:
     view: int
     tracker: TrackerState
     epoch: Epoch = Epoch()
+    around: Sequence[int] = ()
+    fresh: Sequence[int] = ()
 
     @classmethod
-    def of(cls, graph: ViewGraph, view: int, tracker: TrackerState) -> 'Checkpoint':
+    def of(cls, graph: ViewGraph, view: int, tracker: TrackerState, around: Sequence[int] = (),
+           fresh: Iterable[int] = ()) -> 'Checkpoint':
         """Copy what is appended to; records and clouds themselves never change."""
         return cls(graph.ekf.poses.copy(), np.array(graph.stamps), tuple(graph.clouds),
                    tuple(graph.constraints), graph.scans.copy(), graph.trail.rows.copy(),
-                   tuple(graph.to_close), view, tracker, graph.epoch)
+                   tuple(graph.to_close), view, tracker, graph.epoch, tuple(around),
+                   tuple(fresh))
 
     def graph(self) -> ViewGraph:
         """Return a graph to go on with: every constraint is fused again, in order."""

@@ -104,6 +104,7 @@ class CheckpointFile:
         made += self._trail_changes(c.trail)
         state = {'poses': c.poses, 'view': np.array(c.view),
                  'to_close': np.array(c.to_close, int),
+                 'around': np.array(c.around, int), 'fresh': np.array(c.fresh, int),
                  'epoch': np.frombuffer(str(c.epoch).encode(), np.uint8)}
         return [*made, packed('now', {**state, **c.tracker.arrays()})]
 

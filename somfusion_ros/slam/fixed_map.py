@@ -106,7 +106,7 @@ class FixedMap(SingleMap):
         if not own and away[view] + TUNING.gain > away[self._at]:
             return False
         expected = between(poses[view], compose(poses[self._at], self.tracker.T_view_base))
-        local_map = self._local_map(view, self._members(view))
+        local_map = self.graph.local_map(view, self._members(view))
         match = register(seen, local_map, expected)
         least = TUNING.returns if own else track.inlier_ratio - TUNING.loss
         if match.inlier_ratio < least or not near(match.T_map_scan, expected, TUNING.step):

@@ -52,16 +52,15 @@ class LocalMap(Surface):
 
     @classmethod
     def of_views(cls, clouds: Sequence[Cloud], poses: Sequence[Array]) -> 'LocalMap':
-        """Join clouds, each at its pose (3,) in the local map's frame."""
-        if not clouds:
+        """Join clouds, each at its pose (3,) in the local map's frame; some show nothing."""
+        shown = [(view, rotation(pose[2]).T, pose[:2])
+                 for view, pose in zip(clouds, poses, strict=True) if len(view)]
+        if not shown:
             return cls(np.empty((0, 2)), np.empty((0, 2)))
-        turns = [rotation(pose[2]).T for pose in poses]
-        points = [view.points @ turn + pose[:2]
-                  for view, turn, pose in zip(clouds, turns, poses, strict=True)]
-        normals = [view.normals @ turn for view, turn in zip(clouds, turns, strict=True)]
+        points = [view.points @ turn + at for view, turn, at in shown]
+        normals = [view.normals @ turn for view, turn, _ in shown]
         # Few local maps are asked for the space that was seen through.
-        rims = (view.outline.rim @ turn + pose[:2]
-                for view, turn, pose in zip(clouds, turns, poses, strict=True))
+        rims = (view.outline.rim @ turn + at for view, turn, at in shown)
         return cls(np.concatenate(points), np.concatenate(normals), rims)
 
     @cached_property

@@ -51,7 +51,7 @@ class MapScans:
     def __init__(self) -> None:
         self._scans: dict[MapScan, None] = {}
         self._places: defaultdict[Place, deque[MapScan]] = defaultdict(deque)
-        self.newest: MapScan | None = None
+        self.newest_at = np.zeros(3)     # pose in the map
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -62,7 +62,7 @@ class MapScans:
     def add(self, scan: MapScan, pose: Array) -> None:
         """Keep a scan taken at a pose (3,) in the map."""
         self._scans[scan] = None
-        self.newest = scan
+        self.newest_at = pose
         here = self._places[place_of(pose)]
         here.append(scan)
         if len(here) > TUNING.kept:

@@ -38,6 +38,9 @@ class PlaceTuning:
     well: int = tuned(
         8, 'views', 'around a place, of two passes or more, so that one of the nearest explains '
         'what any other way through it shows', 'benchmarks/life.py')
+    passes: int = tuned(
+        2, 'passes', 'whose views lie around a place, so that one of the nearest explains it',
+        'benchmarks/life.py')
     full: int = tuned(
         4, 'views', 'at one place, from which on a new one must show much that they do not',
         'benchmarks/life.py')
@@ -73,15 +76,27 @@ class Expected:
     P: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """An old view with the surface around it, a scan's match, and whether that is all there is."""
+
+    view: int
+    local_map: LocalMap
+    match: Match
+    whole: bool
+
+
 @dataclass(frozen=True)
 class KnownPlace:
     """
     A place: the views that may explain a scan there, the likeliest first.
 
-    loss: share of its points that they may explain less than the newest views do.
+    here: how many of all are at the place itself; loss: share of its points that they may
+    explain less than the newest views do.
     """
 
     views: tuple[int, ...]
+    here: int
     loss: float
 
 
@@ -99,13 +114,15 @@ def known(pose: Array, poses: Array, usable: NDArray[np.bool_], often: bool, con
     """
     apart = distance(pose, poses, config)
     apart[~usable] = np.inf
-    here, around = (int(np.count_nonzero(apart < far)) for far in (TUNING.near, TUNING.around))
+    here, near = int(np.count_nonzero(apart < TUNING.near)), np.flatnonzero(apart < TUNING.around)
+    around = len(near)
+    passes = np.count_nonzero(np.diff(near, prepend=-np.inf) > config.loop_minimum_gap)
     nearest = tuple(np.argsort(apart)[:min(TUNING.tried, around)].tolist())
-    if here >= TUNING.full:
-        return KnownPlace(nearest, TUNING.loss_full)
-    if around >= TUNING.well or often and around:
-        return KnownPlace(nearest, TUNING.loss)
-    return KnownPlace(nearest[:1] if here >= TUNING.enough else (), TUNING.loss)
+    if here >= TUNING.full or around >= TUNING.well:
+        return KnownPlace(nearest, here, TUNING.loss_full)
+    if passes >= TUNING.passes or often and around:
+        return KnownPlace(nearest, here, TUNING.loss)
+    return KnownPlace(nearest[:1] if here >= TUNING.enough else (), here, TUNING.loss)
 
 
 def nearest_seen(pose: Array, poses: Array, clouds: Sequence[Cloud], config: SlamConfig) -> int:
@@ -130,9 +147,9 @@ def members(view: int, own: range, count: int) -> range:
 
 
 def explain(expected: Expected, seen: Cloud, around: Callable[[int], LocalMap], least: float,
-            config: SlamConfig) -> tuple[LocalMap, Match] | None:
+            config: SlamConfig) -> Explained | None:
     """
-    Match a scan against an old view's surface; None where that does not explain it.
+    Match a scan against an old view's surface; None where the view cannot tell.
 
     least is the share of the scan that it must explain.
     """
@@ -141,10 +158,10 @@ def explain(expected: Expected, seen: Cloud, around: Callable[[int], LocalMap], 
         return None
     local_map = around(expected.view)
     match = register(seen, local_map, expected.T_view_base)
-    if match.inlier_ratio < max(config.doubtful_inlier_ratio, least):
-        return None
     y = difference(match.T_map_scan, expected.T_view_base)
-    if squared_mahalanobis(y, expected.P + match.covariance) > TUNING.gate:
+    if match.inlier_ratio < config.doubtful_inlier_ratio or (
+            squared_mahalanobis(y, expected.P + match.covariance) > TUNING.gate):
         return None
-    agreement = agreement_of(match, seen, local_map)
-    return (local_map, match) if agreement >= TUNING.agreement else None
+    whole = (match.inlier_ratio >= least
+             and agreement_of(match, seen, local_map) >= TUNING.agreement)
+    return Explained(expected.view, local_map, match, whole)

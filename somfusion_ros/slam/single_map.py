@@ -3,7 +3,6 @@
 """One map that grows without a break: motion, matching, EKF, loop closure, in that order."""
 
 from collections import Counter, deque
-from collections.abc import Sequence
 from threading import Lock
 
 import numpy as np
@@ -19,6 +18,7 @@ from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.step import Step
+from somfusion_ros.slam.successors import Successors
 from somfusion_ros.slam.track import Track
 from somfusion_ros.slam.tracking import Tracker
 from somfusion_ros.slam.view_tuning import TUNING
@@ -49,7 +49,8 @@ class SingleMap:
         self._at = -1                          # view that the tracker's pose is relative to
         self._around: list[int] = []           # views that it matches against, by age
         self._fresh: deque[int] = deque(maxlen=config.loop_minimum_gap)   # added lately
-        self._drawn_at = np.zeros(3)           # pose of the newest scan kept for the map
+        self._denied: list[int] = []           # old views here that do not explain the scan
+        self._successors = Successors()
         if checkpoint is not None:
             self._resume(checkpoint)
 
@@ -65,8 +66,10 @@ class SingleMap:
             self._blind = 0 if track.matched or not self.graph.clouds else self._blind + 1
             is_due = self._is_due(track, seen)
             self.astray = self._is_astray(is_due)
-            is_view = (is_due and not self.astray and not self._goes_on(track, seen)
-                       and self._keeps(track))
+            goes_on = is_due and not self.astray and self._goes_on(track, seen)
+            if goes_on:
+                self.graph.replace(self._successors.confirm(self._at, stamp))
+            is_view = is_due and not self.astray and not goes_on and self._keeps(track)
             if is_view:
                 self._add_view(stamp, seen, track)
             return self._record(stamp, seen, odometry, track, is_view)
@@ -90,14 +93,16 @@ class SingleMap:
     def checkpoint(self) -> Checkpoint:
         """Return what a later run can go on from."""
         with self.lock:
-            return Checkpoint.of(self.graph, self._at, self.tracker.state())
+            return Checkpoint.of(self.graph, self._at, self.tracker.state(), self._around,
+                                 self._fresh)
 
     def _resume(self, checkpoint: Checkpoint) -> None:
         """Go on where another run ended; the robot may have moved meanwhile."""
         self._at = checkpoint.view
         self.counters['views'] = len(self.graph.clouds)
-        self._around = list(self._members(self._at))
-        self.tracker.start_view(self._local_map(self._at, self._around))
+        self._around = list(checkpoint.around or self._members(self._at))
+        self._fresh.extend(checkpoint.fresh)
+        self.tracker.start_view(self.graph.local_map(self._at, self._around))
         self.tracker.resume(checkpoint.tracker)
         pose, covariance = self.pose()
         T_odom_base = checkpoint.tracker.odometry.pose if checkpoint.tracker.odometry else Pose()
@@ -126,17 +131,12 @@ class SingleMap:
         self.graph.clouds.append(seen)
         self.graph.centres.append(loops.centre(seen))
         self.graph.stamps.append(stamp)
+        self._successors.add(new, self._denied, stamp)
         self._at = new
         self._fresh.append(new)
         self._around = [*self._around, new][-self.config.local_map_views:]
-        self.tracker.start_view(self._local_map(new, self._around))
+        self.tracker.start_view(self.graph.local_map(new, self._around))
         self.graph.to_close.append(new)
-
-    def _local_map(self, view: int, around: Sequence[int]) -> LocalMap:
-        """Join what views saw, in the frame of one of them."""
-        poses, clouds = self.graph.ekf.poses, self.graph.clouds
-        return LocalMap.of_views([clouds[k] for k in around],
-                                 list(between(poses[view], poses[list(around)])))
 
     def _members(self, view: int) -> range:
         """Return the views whose surface an old view is matched with."""
@@ -144,22 +144,24 @@ class SingleMap:
 
     def _goes_on(self, track: Track, seen: Cloud) -> bool:
         """Go on from an old view where the place is known; return whether it is."""
-        ekf = self.graph.ekf
+        self._denied, ekf = [], self.graph.ekf
         if not track.matched or self.tracker.lost or not ekf.n:
             return False
         usable = self.graph.showing()
         usable[[self._at, *self._fresh]] = False
         pose = self.pose()[0]
         place = places.known(pose, ekf.poses, usable, self.graph.scans.full(pose), self.config)
-        for view in place.views:
+        for k, view in enumerate(place.views):
             found = places.explain(
                 places.Expected(view, *self._seen_from(view)), seen,
-                lambda k: self._local_map(k, self._members(k)),
+                lambda k: self.graph.local_map(k, self._members(k)),
                 track.inlier_ratio - place.loss, self.config)
-            if found is not None:
-                self._go_on(view, found[0], found[1].T_map_scan, found[1].covariance)
+            if found is not None and found.whole:
+                self._go_on(view, found.local_map, found.match.T_map_scan, found.match.covariance)
                 self.counters['places_known'] += 1
                 return True
+            if found is not None and k < place.here and self.grows:
+                self._denied.append(view)
         return False
 
     def _go_on(self, view: int, local_map: LocalMap, T_view_base: Array, P: Array) -> None:
@@ -182,7 +184,7 @@ class SingleMap:
             view = places.nearest_seen(pose, poses, self.graph.clouds, self.config)
             tracker = tracker or self.tracker
             tracker.config, self.tracker, self._blind = self.config, tracker, 0
-            self._go_on(view, self._local_map(view, self._members(view)),
+            self._go_on(view, self.graph.local_map(view, self._members(view)),
                         between(poses[view], pose), P)
             if stamp is not None:
                 self.graph.trail.append(stamp, self._at, self.tracker.T_view_base)
@@ -196,9 +198,8 @@ class SingleMap:
         with self.lock, piece.lock:
             graph, first = self.graph, self.graph.ekf.n
             T_map_piece = compose(T_map_view, inverse(piece.graph.ekf.poses[view]))
-            kept = np.flatnonzero(graph.ekf.kept)
-            near = places.distance(T_map_view, graph.ekf.poses[kept], self.config)
-            old = int(kept[np.argmin(near)])
+            away = places.distance(T_map_view, graph.ekf.poses, self.config)
+            old = int(np.where(graph.ekf.kept, away, np.inf).argmin())
             start = compose(T_map_piece, piece.graph.ekf.poses[0])
             graph.join(piece.graph, Constraint(
                 old, first, between(graph.ekf.poses[old], start), LOOSE))
@@ -229,7 +230,6 @@ class SingleMap:
         if self.graph.clouds and self.grows and (
                 is_view or self._adds_to_map(pose) and not self.tracker.lost):
             self.graph.scans.add(MapScan(self._at, hung, seen.outline), pose)
-            self._drawn_at = pose
         T_map_odom = compose(pose, inverse(odometry.pose))
         self.last = Step(stamp, Pose.from_array(pose), covariance,
                          Pose.from_array(T_map_odom), True, track.matched, track.inlier_ratio,
@@ -238,7 +238,7 @@ class SingleMap:
 
     def _adds_to_map(self, pose: Array) -> bool:
         """Return whether the robot moved enough since the last map scan for a new one."""
-        d = difference(pose, self._drawn_at)
+        d = difference(pose, self.graph.scans.newest_at)
         return bool(np.hypot(d[0], d[1]) >= self.config.map_scan_distance
                     or abs(d[2]) >= self.config.map_scan_distance)
 

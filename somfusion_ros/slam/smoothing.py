@@ -51,9 +51,10 @@ class Problem:
         chi2 = np.einsum('ma,mab,mb->m', e, self.Omega, e)
         return e, np.where(self.loop, 1.0 / (1.0 + chi2 / TUNING.robust ** 2), 1.0)
 
-    def normal_equations(self, x: Array) -> tuple[csc_matrix, Array]:
+    def normal_equations(self, x: Array, robust: bool = True) -> tuple[csc_matrix, Array]:
         """Return the information matrix (3 n, 3 n) and gradient (3 n,), view 0 held fixed."""
         e, w = self.residuals(x)
+        w = w if robust else np.ones_like(w)
         A, B = between_jacobians(x[self.i], x[self.j])
         weighted = self.Omega * w[:, None, None]
         AtO, BtO = A.transpose(0, 2, 1) @ weighted, B.transpose(0, 2, 1) @ weighted
@@ -87,8 +88,12 @@ def solve(poses: Array, constraints: Sequence[Constraint], iterations: int = 8) 
 
 
 def covariance(poses: Array, constraints: Sequence[Constraint]) -> Array:
-    """Return P (3 n, 3 n) of solved view poses; only its lower triangle is valid."""
-    H, _ = Problem(constraints).normal_equations(np.asarray(poses, dtype=float))
+    """
+    Return P (3 n, 3 n) of solved view poses; only its lower triangle is valid.
+
+    Every constraint counts in full, as in the filter that goes on with P after a restart.
+    """
+    H, _ = Problem(constraints).normal_equations(np.asarray(poses, dtype=float), robust=False)
     factor, info = dpotrf(H.toarray(order='F'), lower=1, overwrite_a=1)
     if info:
         raise np.linalg.LinAlgError('the constraints do not fix every view')

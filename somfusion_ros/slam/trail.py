@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
 
-MOST = 72_000    # scans; 2 hours at 10 Hz
+MOST = 36_000    # scans; 1 hour at 10 Hz, 1.4 MB
 ROOM = 1024      # scans by which the arrays grow, at least
 
 
@@ -14,8 +14,8 @@ class Trail:
     """
     Rows of stamp [s], view, and T_view_base (3,), by age.
 
-    When there are MOST of them, every second of the older half is dropped: the newest hours keep
-    every scan, older ones fewer and fewer, and memory is bounded.
+    When there are MOST of them, every second of the older half is dropped: the newest half-hour
+    keeps every scan, older ones fewer and fewer, and memory is bounded.
     """
 
     def __init__(self, rows: Array | None = None) -> None:

@@ -54,7 +54,10 @@ def test_nothing_is_lost_by_a_restart(half: Slam, tmp_path: Path) -> None:
                              (*again.views(), *again.trajectory()), strict=True):
         assert np.array_equal(before, after)
     assert again.odometry_lag == half.odometry_lag
-    assert np.allclose(again.pose_sigma, half.pose_sigma, rtol=0.1)   # linearised anew
+    assert np.allclose(again.pose_sigma, half.pose_sigma, rtol=1e-3)   # linearised anew
+    kept, written = again.checkpoint(), half.checkpoint()
+    assert (kept.around, kept.fresh) == (written.around, written.fresh)
+    assert written.around and written.fresh
     for scan in again.checkpoint().scans:     # nothing that is kept holds the file's bytes
         assert all(part.base is None for part in vars(scan.outline).values())
     before, after = half.grid(), again.grid()
@@ -73,8 +76,8 @@ def test_a_resumed_drive_ends_where_an_uninterrupted_one_does(tmp_path: Path) ->
     metres, radians = pose_error(second.trajectory()[1][-1], whole.trajectory()[1][-1])
     assert metres < 0.01
     assert radians < 0.005
-    # Linearised anew, what decides about a view differs a little: one in twenty may.
-    assert len(second.views()[0]) == pytest.approx(len(whole.views()[0]), rel=0.05)
+    # Linearised anew, what decides about a view differs a little.
+    assert len(second.views()[0]) == pytest.approx(len(whole.views()[0]), abs=1)
 
 
 def test_a_robot_whose_odometry_began_anew_is_found_where_it_stood(half: Slam,

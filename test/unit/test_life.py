@@ -90,6 +90,8 @@ def test_more_rounds_add_few_views_and_scans_and_changes_add_some(rounds: Rounds
     assert second[0] < 1.3 * first[0]            # twice the way
     assert changed[0] < 1.8 * first[0]
     checkpoint = rounds.slam.checkpoint()
+    showing = sum(len(cloud) > 0 for cloud in checkpoint.clouds)
+    assert showing < 1.05 * second[0]            # new views take the place of old ones
     squares = np.floor(place(checkpoint.scans, checkpoint.poses)[:, :2] / TUNING.square)
     _, counts = np.unique(squares, axis=0, return_counts=True)
     assert counts.max() <= 1.5 * TUNING.kept * 4     # ways through a square; poses move a little

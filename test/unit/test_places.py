@@ -50,3 +50,14 @@ def test_a_hidden_view_keeps_its_place_and_makes_no_place_known() -> None:
     for one in (graph, again):
         assert np.array_equal(np.flatnonzero(one.showing()), [0]) and one.ekf.n == 8
         assert not places.known(np.zeros(3), one.ekf.poses, one.showing(), False, CONFIG).views
+
+
+def test_a_place_that_two_passes_show_is_known() -> None:
+    """One pass leaves its views; the third asks those of the first two."""
+    step = CONFIG.minimum_travel_distance
+    one = np.array([(k * step, 0.0, 0.0) for k in range(-2, 3)]) + (0.0, 1.4 * step, 0.0)
+    far = np.array([(50.0 + k * step, 0.0, 0.0) for k in range(CONFIG.loop_minimum_gap + 1)])
+    two = np.concatenate([one, far, one * (1.0, -1.0, 1.0)])
+    for poses, known in ((one, False), (two, True)):
+        usable = np.ones(len(poses), bool)
+        assert bool(places.known(np.zeros(3), poses, usable, False, CONFIG).views) == known
