@@ -110,7 +110,8 @@ class Checkpoint:
     their covariance follows; the scans kept for the map; the trail (m, 5): see `Trail`; the views
     whose loops are to be closed; the view that the robot was tracked from, and the tracker's
     state; which map it is. The views that a scan is matched against, and those that were added
-    of late: none in a file of an earlier version.
+    of late: none in a file of an earlier version. closed: whether nothing was told of the map
+    after this.
     """
 
     poses: Array
@@ -125,6 +126,7 @@ class Checkpoint:
     epoch: Epoch = Epoch()
     around: Sequence[int] = ()
     fresh: Sequence[int] = ()
+    closed: bool = False
 
     @classmethod
     def of(cls, graph: ViewGraph, view: int, tracker: TrackerState, around: Sequence[int] = (),
@@ -134,6 +136,17 @@ class Checkpoint:
                    tuple(graph.constraints), graph.scans.copy(), graph.trail.rows.copy(),
                    tuple(graph.to_close), view, tracker, graph.epoch, tuple(around),
                    tuple(fresh))
+
+    def epoch_in(self, program: Epoch, fixed: bool) -> Epoch:
+        """
+        Return the epoch of the map as another program goes on with it.
+
+        It began with that program where it was made offline, and went back where more may have
+        been told of it; a fixed map does not change.
+        """
+        if not self.epoch.start:
+            return program
+        return self.epoch if self.closed or fixed else self.epoch.gone_back(program.start)
 
     def graph(self) -> ViewGraph:
         """Return a graph to go on with: every constraint is fused again, in order."""

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.checkpoint import Checkpoint
-from somfusion_ros.slam.checkpoint_reader import assemble
+from somfusion_ros.slam.checkpoint_reader import assemble, CLOSED, OPENED
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.journal import Journal, open_file, Opener, packed
@@ -56,6 +56,10 @@ class CheckpointFile:
             self._journal.append(data)
         self._remember(checkpoint)
         return len(data)
+
+    def mark(self, closed: bool) -> None:
+        """Note whether nothing, or maybe more, was told of the map after the newest checkpoint."""
+        self._journal.append(packed(CLOSED if closed else OPENED, {}))
 
     def delete(self) -> None:
         """Delete the file, so that no later run goes on from it."""

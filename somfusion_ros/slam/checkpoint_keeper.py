@@ -3,6 +3,7 @@
 """Checkpoints in a file while the SLAM runs, and the last one of them after a restart."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -29,6 +30,7 @@ class CheckpointKeeper:
         self._lock = Lock()           # of the file: a reset waits for a write, and is not undone
         self._due = 0.0
         self._kept: Any = None
+        self._holds = False           # the file, what this run goes on from or kept
         self._forgotten: Callable[[], Slam | None] = lambda: None
         self.fault = ''               # why the last checkpoint could not be kept, '' if it was
 
@@ -45,6 +47,8 @@ class CheckpointKeeper:
             self._count('state_unusable', f'{error}; a new map begins')
             self._put_aside(path)
             return None
+        self._holds = checkpoint.closed and self._mark(False)
+        checkpoint = replace(checkpoint, closed=self._holds)   # a crash would not be noticed else
         if damaged:
             self._count('state_damaged', f'{path} is damaged in {damaged} places, which are left '
                         'out of the map')
@@ -62,6 +66,7 @@ class CheckpointKeeper:
                 checkpoint = slam.checkpoint()
                 if len(checkpoint.poses):
                     self._file.save(checkpoint)
+                    self._holds = True
                 self._kept, self.fault = step, ''
             except OSError as error:
                 self.fault = str(error)
@@ -75,7 +80,22 @@ class CheckpointKeeper:
                 self._forgotten = ref(slam)
             if self._file is not None:
                 self._file.delete()
-            self._kept = None
+            self._kept, self._holds = None, False
+
+    def shut(self, step: Any) -> None:
+        """Note, as the program ends, that nothing was told after what is kept, if step is that."""
+        with self._lock:
+            if self._holds and step is self._kept and not self.fault:
+                self._mark(True)
+
+    def _mark(self, closed: bool) -> bool:
+        """Note whether the file has all that was told; return whether that could be noted."""
+        assert self._file is not None
+        try:
+            self._file.mark(closed)
+        except OSError:
+            return False
+        return True
 
     def close(self) -> None:
         """Let another process have the file."""

@@ -15,6 +15,7 @@ from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import SHAPES, TrackerState
 
+OPENED, CLOSED = 'open', 'shut'    # kinds of records: more may be told of the map, or nothing
 MADE_GOOD = np.diag([0.05, 0.05, 0.02]) ** 2   # covariance of a constraint made of the poses
 
 
@@ -27,6 +28,7 @@ class _Read:
     scans: dict[int, MapScan] = field(default_factory=dict)
     trail: Array = field(default_factory=lambda: np.zeros((0, 5)))
     newest: Checkpoint | None = None
+    closed: bool = False
     damaged: int = 0
 
 
@@ -44,7 +46,8 @@ def assemble(data: bytes) -> tuple[Checkpoint, int]:
             read.damaged += 1
     if read.newest is None:
         raise ValueError('it holds no checkpoint')
-    return _made_good(read, read.newest), read.damaged
+    newest = replace(read.newest, closed=read.closed and not read.damaged)
+    return _made_good(read, newest), read.damaged
 
 
 def _take(read: _Read, kind: str, a: dict[str, Array]) -> None:
@@ -71,7 +74,9 @@ def _take(read: _Read, kind: str, a: dict[str, Array]) -> None:
     elif kind == 'path':
         read.trail = np.concatenate([read.trail[:int(a['first'])], a['rows'].reshape(-1, 5)])
     elif kind == 'now':
-        read.newest = _now(read, a)
+        read.newest, read.closed = _now(read, a), False
+    elif kind in (OPENED, CLOSED):
+        read.closed = kind == CLOSED
 
 
 def _now(read: _Read, a: dict[str, Array]) -> Checkpoint:

@@ -87,8 +87,8 @@ class Slam:
         if checkpoint is not None:
             self._last = None if start.anywhere else self._last
             self._lost = self._lose(self._last)
-        if not self._map.graph.epoch.start:
-            self._map.graph.epoch = epoch   # the map is new, or was made offline
+        self._map.graph.epoch = epoch if checkpoint is None else checkpoint.epoch_in(
+            epoch, start.localization)
 
     def configure(self, config: SlamConfig) -> None:
         """Change the parameters; at another resolution the map is drawn anew."""

@@ -102,7 +102,7 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     >>> round(solution.groups[0]['c'].x, 6)
     3.0
     """
-    names, said = sorted(set(robots)), sorted(constraints, key=lambda c: (c.robots, c.author))
+    names, said = sorted(set(robots)), list(constraints)
     _check(names, said)
     voices, dropped = one_voice_each(said)
     words = Words(voices, _numbered(names, voices), *_measured(voices))

@@ -33,8 +33,8 @@ class HearingTuning:
         1.0, 'm/s, rad/s', 'sigma of a robot after its last pose; it only makes sightings less '
         'sure', 'by design')
     uneven: float = tuned(
-        0.25, '', 'share of the step between two poses that is its sigma in the middle, where the '
-        'robot is taken to go on evenly', 'by design')
+        0.3, '', 'share of the step between two poses that is its sigma on the way: a robot may '
+        'make nearly all of it just before the end', 'by design')
     stepped: float = tuned(
         5.0, 's', 'a stamp that is so much older than the last is of a clock that was set back, '
         'one so far in the future of a clock that is ahead, and two clocks must not differ by '
@@ -76,6 +76,8 @@ class Heard:
     taken_until: float = float('-inf')
     view_ages: deque[float] = field(default_factory=lambda: deque(maxlen=AGES_KEPT))
     late: float = float('nan')
+    since: float = float('-inf')    # stamp [s] before which its poses tell nothing
+    _begins: bool = False           # with its next pose
     _sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     _number: int = -1
 
@@ -112,14 +114,18 @@ class Heard:
         return newer
 
     def forget_poses(self) -> None:
-        """Forget where the robot was: its map is another one."""
+        """Forget where the robot was: its map is another one, or was at another state."""
         self.poses.clear()
         self.trail.clear()
+        self._begins = True
 
     def add_pose(self, item: TimedPose) -> None:
         """Keep a pose, and where the robot has been; those of before its clock was set back go."""
         if self.poses and item.stamp < self.poses[-1].stamp - TUNING.stepped:
             self.poses.clear()
+            self._begins = True
+        if self._begins:
+            self.since, self._begins = item.stamp, False
         self.poses.append(item)
         here = item.pose.x, item.pose.y
         if not self.trail or np.hypot(*np.subtract(here, self.trail[-1])) >= TUNING.trail_step:
@@ -143,6 +149,8 @@ class Heard:
 
         The nearest is known the worse the farther it is.
         """
+        if stamp < self.since:
+            return None
         poses = list(self.poses)   # in one step: another thread adds to them
         after = [item for item in poses if item.stamp >= stamp]
         before = [item for item in poses if item.stamp <= stamp]
@@ -169,7 +177,8 @@ def _interpolate(last: TimedPose, first: TimedPose, stamp: float) -> TimedPose:
     between_them = TimedPose(stamp, Pose.from_array(compose(last.pose, step)), last.covariance,
                              last.arrived + share * (first.arrived - last.arrived))
     x, y, theta = between(last.pose, first.pose)
-    sigma = 4.0 * share * (1.0 - share) * TUNING.uneven * np.array([np.hypot(x, y), theta])
+    far = TUNING.speed * span * min(share, 1.0 - share)     # from the nearer one
+    sigma = np.minimum(TUNING.uneven * np.abs([np.hypot(x, y), theta]), far)
     return _less_sure(between_them, *sigma)
 
 

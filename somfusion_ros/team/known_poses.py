@@ -31,12 +31,12 @@ class KnownPoses:
     def holding(self, epochs: Mapping[str, Epoch]) -> dict[str, Pose]:
         """Return the poses, by robot, that hold for the maps of now."""
         return {robot: self._poses[robot] for robot, epoch in self._epochs.items()
-                if epochs.get(robot) == epoch}
+                if robot in epochs and epochs[robot].same_map(epoch)}
 
     def lapsed(self, epochs: Mapping[str, Epoch]) -> list[str]:
         """Return the robots whose pose was given for a map that they no longer have."""
         return [robot for robot, epoch in self._epochs.items()
-                if epochs.get(robot, epoch) != epoch]
+                if not epochs.get(robot, epoch).same_map(epoch)]
 
     def constraints(self, epochs: Mapping[str, Epoch]) -> list[MapConstraint]:
         """Tie the maps together whose poses hold."""

@@ -28,9 +28,7 @@ from somfusion_ros.team.map_change import missing_walls
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.pair_history import PairHistory
 from somfusion_ros.team.shared_map import SharedMap
-from somfusion_ros.team.voices import seen_elsewhere
-
-SIGHTINGS = 5          # newest sightings of a peer that are kept
+from somfusion_ros.team.voices import newest, seen_elsewhere, SIGHTINGS
 
 
 @dataclass(frozen=True)
@@ -75,8 +73,9 @@ class Team:
         """
         Note which map a robot has now; return whether it began another one.
 
-        All that was known about its former map is forgotten, and the map too unless it is kept: a
-        plain SLAM's first new map may come before the word that it is new.
+        All that was known of its former map is forgotten, and the map unless it is kept: a plain
+        SLAM's first map may come before the word that it is new. Of one that went back pairs are
+        matched anew, and hold until then, unless it goes back again before.
         """
         old = self.epochs.get(robot)
         self.epochs[robot] = epoch
@@ -84,8 +83,10 @@ class Team:
         if old is None or old == epoch:
             return False
         self.begun[robot] += 1
-        self._forget_constraints(robot)
-        self.shown.pop(robot, None)
+        back = old.same_map(epoch)
+        self._forget_constraints(robot, back)
+        if not back:
+            self.shown.pop(robot, None)
         if not keep_map:
             self.maps.pop(robot, None)
         elif robot in self.maps:
@@ -161,14 +162,8 @@ class Team:
         It has one voice per pair, so that saying a thing twice does not outweigh the others.
         """
         if owner != self.name:
-            own = [replace(c, author=owner) for c in constraints if owner in c.robots]
-            matches = {frozenset(c.robots): c for c in own if c.kind == 'match'}
-            sightings: dict[frozenset[str], deque[MapConstraint]] = {}
-            for c in own:
-                if c.kind != 'match':
-                    sightings.setdefault(frozenset(c.robots), deque(maxlen=SIGHTINGS)).append(c)
-            self._heard[owner] = (*matches.values(), *(c for few in sightings.values()
-                                                       for c in few))
+            self._heard[owner] = newest(
+                replace(c, author=owner) for c in constraints if owner in c.robots)
 
     def heard_of(self, owner: str) -> tuple[MapConstraint, ...]:
         """Return what a peer said last."""
@@ -232,11 +227,12 @@ class Team:
         self._sighted.clear()
         self._known.rebind(self.epochs)
 
-    def _forget_constraints(self, robot: str) -> None:
-        """Forget what the robot itself found about a robot's map; what others say names epochs."""
+    def _forget_constraints(self, robot: str, back: bool = False) -> None:
+        """Forget what the robot itself found of a robot's map; reconsider it if it went back."""
         mine = robot == self.name
-        for peer in list(self.pairs) if mine else [robot]:
-            self.pairs.pop(peer, None)
+        for peer in list(self.pairs) if mine else self.pairs.keys() & {robot}:
+            if not (back and self.pairs[peer].reconsider()):
+                del self.pairs[peer]
         for peer in list(self._sighted) if mine else [robot]:
             self._sighted.pop(peer, None)
 

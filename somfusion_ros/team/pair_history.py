@@ -81,6 +81,18 @@ class PairHistory:
             return 0.0
         return min(self.held.probability, self.last.probability if self.doubted else 1.0)
 
+    def reconsider(self) -> bool:
+        """
+        Match anew, as a map went back, so that one clear refusal withdraws what holds.
+
+        Return False where it was not matched since that happened last.
+        """
+        if self._matched is None:
+            return False
+        self._matched, self._rivals = None, []
+        self._refusals = REFUSALS - 1 if self.held is not None else 0
+        return True
+
     def due(self, target: Grid, source: Grid, now: float, minimum_change: float) -> bool:
         """
         Return whether one of the maps changed enough since they were last matched.

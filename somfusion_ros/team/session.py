@@ -34,7 +34,7 @@ from somfusion_ros.team.presence import impossible, Presence
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.snapshot import Snapshot
-from somfusion_ros.team.words import ordinal, sentence
+from somfusion_ros.team.words import begun, sentence
 from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
 
 MOST_DOUBLINGS = 16   # of the pause after a new map; by then it is as long as it gets
@@ -49,6 +49,8 @@ class SessionTuning:
         'this time, and twice as long again every time after', 'by design')
     longest_pause: float = tuned(
         600.0, 's', 'a peer is never left alone for longer', 'by design')
+    longest_return: float = tuned(
+        30.0, 's', 'nor for longer than this where its map went back', 'by design')
 
 
 TUNING = SessionTuning()
@@ -68,8 +70,7 @@ class FusionSession:
                  matchers: Matchers = Matchers()) -> None:
         known = {robot: Pose(*pose) for robot, pose in config.known_poses().items()}
         self.fusion = fusion
-        self._cache, self._matchers = FusionCache(), matchers
-        self.snapshot = Snapshot()
+        self._cache, self._matchers, self.snapshot = FusionCache(), matchers, Snapshot()
         self._name, self._config, self._say = name, config, say
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else {},
                           matchers)
@@ -105,7 +106,7 @@ class FusionSession:
 
     def placed_peers(self) -> list[tuple[LearnedMap, Pose]]:
         """Return what was learned of the maps of accepted peers, each with T_own_peer."""
-        return [(learn(self._team.maps[peer].grid, self.fusion, self._cache), pose)
+        return [(self.learned_of(peer), pose)
                 for peer, pose in self._team.own_transforms().items() if peer in self._team.maps]
 
     @property
@@ -119,19 +120,19 @@ class FusionSession:
 
     def begin(self, robot: str, epoch: Epoch, now: float, keep_map: bool = False) -> bool:
         """Note which map a robot has now; return whether it began another one."""
-        before = self._team.begun[robot]
+        before, old = self._team.begun[robot], self._team.epochs.get(robot)
         if not self._team.begin(robot, epoch, keep_map):
             return False
-        longer = TUNING.first_pause * 2.0 ** min(before, MOST_DOUBLINGS)
-        pause = min(longer, TUNING.longest_pause) if before else 0.0
+        back = bool(old and old.same_map(epoch))
+        pause = min(TUNING.first_pause * 2.0 ** min(before, MOST_DOUBLINGS),
+                    TUNING.longest_return if back else TUNING.longest_pause) if before else 0.0
         self._looked[robot] = now + pause
         self._scouting.forget(robot)
         self.presence.forget(None if robot == self._name else robot)
-        for peer in self._jumps.peers() if robot == self._name else [robot]:
+        for peer in [] if back else self._jumps.peers() if robot == self._name else [robot]:
             self._jumps.forget(peer)
             self._words.pop(peer, None)
-        self._say(f'{robot} began another map ({epoch}), for the {ordinal(before + 1)} time: all '
-                  f'that was said of its old one has lapsed, its place is sought in {pause:.0f} s')
+        self._say(begun(robot, str(epoch), before + 1, pause, back))
         for lapsed in sorted(set(self._team.lapsed()) - self._lapsed):
             self._lapsed.add(lapsed)
             self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
@@ -246,5 +247,4 @@ class FusionSession:
         """Note that a pair is looked at, and return whether it is due."""
         self._looked[peer] = now
         due, held = self._team.is_due(peer, now), self._team.pairs[peer].held
-        return force or due or (held is not None and
-                                self.presence.why_not(peer, held, self._team) != '')
+        return bool(force or due or held and self.presence.why_not(peer, held, self._team))

@@ -6,6 +6,7 @@ One voice per robot and pair: all that one author says of two maps, made one con
 A robot that says a thing twice, or as a match and as a sighting, is not to outvote two others.
 """
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -16,11 +17,25 @@ from somfusion_ros.geometry import Pose, wrap
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, turned, with_drift
 
 TWICE = 2      # so many sightings that agree outweigh a match
+SIGHTINGS = 5  # newest ones of a peer that are kept
 
 
 def seen_elsewhere(match: MapConstraint, sightings: Iterable[MapConstraint]) -> bool:
     """Return whether sightings that agree with one another contradict a match of their author."""
     return any(one.constraint.kind == 'match' for one in one_voice_each([match, *sightings])[1])
+
+
+def newest(said: Iterable[MapConstraint]) -> tuple[MapConstraint, ...]:
+    """Return of every pair the last match that an author told, and its newest sightings."""
+    matches: dict[frozenset[str], MapConstraint] = {}
+    sightings: dict[frozenset[str], deque[MapConstraint]] = {}
+    for one in said:
+        pair = frozenset(one.robots)
+        if one.kind == 'match':
+            matches[pair] = one
+        else:
+            sightings.setdefault(pair, deque(maxlen=SIGHTINGS)).append(one)
+    return (*matches.values(), *(one for few in sightings.values() for one in few))
 
 
 def one_voice_each(constraints: Iterable[MapConstraint],
@@ -32,9 +47,10 @@ def one_voice_each(constraints: Iterable[MapConstraint],
     robot twice knows where it is, and maps may look alike. A match counts before a single
     sighting; of sightings alone those count that most agree with.
     """
-    said: dict[tuple[str, ...], list[MapConstraint]] = {}
+    said: dict[tuple[str, str, str], list[MapConstraint]] = {}
     for one in constraints:
-        said.setdefault((*sorted(one.robots), one.author), []).append(one)
+        a, b = one.target, one.source
+        said.setdefault((a, b, one.author) if a < b else (b, a, one.author), []).append(one)
     voices: list[MapConstraint] = []
     wrong: list[Dropped] = []
     for _, of_one in sorted(said.items(), key=lambda item: item[0]):

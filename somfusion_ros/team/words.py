@@ -23,6 +23,15 @@ def sentence(word: str, reason: str, target: str, source: str) -> str:
     return f'{word}: {why}'
 
 
+def begun(robot: str, epoch: str, time: int, pause: float, back: bool) -> str:
+    """Say that a robot began another map, or went back, and in how many seconds it is matched."""
+    if back:
+        return (f'{robot} went back to an earlier state of its map ({epoch}): what was said of it '
+                f'has lapsed, what was accepted is matched anew in {pause:.0f} s')
+    return (f'{robot} began another map ({epoch}), for the {ordinal(time)} time: all that was '
+            f'said of its old one has lapsed, its place is sought in {pause:.0f} s')
+
+
 def ordinal(number: int) -> str:
     """Write a number as first, second, third, 4th ..."""
     words = ('first', 'second', 'third')

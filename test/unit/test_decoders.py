@@ -22,8 +22,8 @@ few = settings(max_examples=40, deadline=None)
 MOST_CELLS = 10 ** 4
 BOUND = 2 ** 21        # bytes that a message may allocate before it is refused, at MOST_CELLS
 NAMES = st.from_regex(r'[a-z][a-z0-9]{0,8}(/[a-z]{1,4})?', fullmatch=True)
-EPOCHS = st.builds(Epoch, st.from_regex('[0-9a-z]{1,32}', fullmatch=True),
-                   st.integers(0, 10 ** 9 - 1))
+EPOCHS = st.builds(Epoch, st.from_regex('[0-9a-z]{1,19}', fullmatch=True),
+                   st.integers(0, 10 ** 9 - 1), st.from_regex('[0-9a-z]{0,12}', fullmatch=True))
 NUMBERS = st.floats(-1e4, 1e4)
 POSES = st.builds(Pose, NUMBERS, NUMBERS, st.floats(-3.1, 3.1))
 SIGMAS = st.lists(st.floats(1e-3, 5.0), min_size=3, max_size=3)

@@ -297,6 +297,41 @@ def test_what_is_said_of_a_map_dies_with_the_map() -> None:
     assert team.is_due('b', 0.0)
 
 
+def test_of_a_map_that_went_back_pairs_hold_until_they_are_matched_and_sightings_die() -> None:
+    """After a crash, a SLAM goes on with an earlier state of its map than it had told."""
+    team, back = full_team('a'), Epoch().gone_back('2e')
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    team.hear('c', [said('c', 'b', ELSEWHERE)])
+    team.sight(said('a', 'b', ELSEWHERE, 'sighting'))
+    assert team.begin('b', back)
+    assert [(c.kind, c.epochs) for c in team.own_constraints()] == [('match', (Epoch(), back))]
+    assert team.solution().group_of('a').keys() == {'a', 'b'}     # what c says is of before
+    assert 'b' in team.shown
+    team.update_map('b', shared(ROOM))
+    assert team.is_due('b', 0.0)
+    assert team.record(
+        'b', verdict(ELSEWHERE, 0.1), *team.grids_of('b'), 0.0) == 'withdrawn'
+    assert team.own_constraints() == []
+
+
+@pytest.mark.parametrize('robot', 'ab')
+def test_who_goes_back_again_before_it_was_matched_loses_its_place(robot: str) -> None:
+    team = full_team('a')
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    for start, held in (('2e', True), ('3d', False)):
+        assert team.begin(robot, Epoch().gone_back(start))
+        assert bool(team.own_constraints()) == held
+
+
+def test_a_robot_that_was_matched_as_it_went_back_is_held_as_any_other() -> None:
+    team = full_team('a')
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    team.begin('b', Epoch().gone_back('2e'))
+    team.update_map('b', shared(ROOM))
+    assert team.record('b', verdict(THERE), *team.grids_of('b'), 0.0) == 'updated'
+    assert team.record('b', verdict(ELSEWHERE, 0.1), *team.grids_of('b'), 0.0) == 'kept'
+
+
 def test_a_word_on_a_map_counts_once_the_map_lives() -> None:
     """States and maps overtake one another on the network."""
     team, new = full_team('a'), Epoch('2e')
@@ -412,6 +447,9 @@ def test_known_poses_lapse_with_the_map_that_they_were_given_for() -> None:
     team = Team('a', known_poses={'a': Pose(), 'b': THERE})
     for robot in 'ab':
         team.update_map(robot, shared(ROOM))
+    assert team.solution().group_of('a')['b'] == THERE
+    team.begin('b', Epoch().gone_back('1f'))       # the same map
+    team.update_map('b', shared(ROOM))
     assert team.solution().group_of('a')['b'] == THERE
     team.begin('b', Epoch('2e'))
     team.update_map('b', shared(ROOM))

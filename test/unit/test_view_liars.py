@@ -6,6 +6,8 @@ from dataclasses import replace
 import time
 import tracemalloc
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Pose
@@ -232,6 +234,35 @@ def test_a_pose_between_poses_is_less_sure_and_one_from_before_a_step_back_is_no
     heard.add_pose(TimedPose(3.0, Pose(1.1, 0.0, 0.8), GOOD))      # the clock was set back
     assert heard.pose_at(10.5) is None
     assert heard.pose_at(3.0) is not None
+    assert heard.pose_at(2.9) is None       # where it was before that is not known
+
+
+def test_a_pose_in_a_map_that_began_tells_nothing_of_the_time_before() -> None:
+    """A SLAM that goes on from an earlier state has the robot where it stood then."""
+    heard = Heard()
+    heard.add_pose(TimedPose(10.0, Pose(9.0, 4.0, 0.0), GOOD))
+    heard.forget_poses()
+    heard.add_pose(TimedPose(12.0, Pose(1.0, 3.0, 0.0), GOOD))
+    assert heard.pose_at(11.5) is None
+    after = heard.pose_at(12.4)
+    assert after is not None
+    assert after.pose == Pose(1.0, 3.0, 0.0)
+
+
+@given(st.floats(0.1, TUNING.longest_gap), st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8),
+       st.floats(0.0, 1.0))
+def test_a_pose_between_poses_allows_for_any_way_that_a_robot_can_turn(
+        span: float, rates: list[float], share: float) -> None:
+    """At up to 1 rad/s: 3.5 sigma hold what the harness allows."""
+    times = np.linspace(0.0, span, len(rates) + 1)
+    headings = np.concatenate([[0.0], np.cumsum(np.array(rates) * np.diff(times))])
+    heard = Heard()
+    for stamp, theta in ((0.0, 0.0), (span, headings[-1])):
+        heard.add_pose(TimedPose(stamp, Pose(0.0, 0.0, float(theta)), 1e-12 * np.eye(3)))
+    between_them = heard.pose_at(share * span)
+    assert between_them is not None
+    off = between_them.pose.theta - np.interp(share * span, times, headings)
+    assert abs(off) <= 3.5 * np.sqrt(between_them.covariance[2, 2]) + 1e-9
 
 
 def test_a_clock_that_is_ahead_is_known_by_stamps_of_the_future() -> None:

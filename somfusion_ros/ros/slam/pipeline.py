@@ -68,6 +68,7 @@ class Pipeline:
         ended = self._mapper.close(timeout) and ended
         if ended:
             self._keeper.keep(self.session.slam, self._last.step, float('inf'))
+            self._keeper.shut(self._last.step)
         return ended
 
     def tick(self) -> None:

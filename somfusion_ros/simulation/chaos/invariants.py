@@ -19,8 +19,9 @@ from somfusion_ros.team.channels import MAP, POSE, STATE, VIEWS
 from somfusion_ros.team.heard import TUNING as CLOCKS
 
 EQUAL = 0.999        # share of the known cells in which all global maps must agree,
-SPOILT = 0.99        # and where a liar's map is in them: what it calls driven, and so free, counts
-#                      only for those whose own match accepted it, and nobody frees its own walls
+SPOILT = 0.99        # and where a map in them is a liar's, or lies where another's start pose has
+#                      it: what it calls driven, and so free, counts only for those whose own match
+#                      accepted it, and nobody frees its own walls
 SURE = 3.5           # sigmas, and
 NEAR = 0.5           # [m] within which an accepted transform must be
 BENT = 1.0           # [m] within which views must leave it,
@@ -132,8 +133,8 @@ class Invariants:
                 continue    # who was away, and forgotten, is new when it comes back
             self._epochs[station, name] = epoch
             if before not in (None, epoch) and not any(
-                    word.startswith(f'{name} began another map') and f'({epoch})' in word
-                    for word in station.words):
+                    word.startswith((f'{name} began another map', f'{name} went back'))
+                    and f'({epoch})' in word for word in station.words):
                 self._broken(f'{robot.name} does not say that {name} began {epoch}')
         held = station.held()
         for what, most in MOST.items():
@@ -199,12 +200,17 @@ class Invariants:
             self._outcome.joined |= len(world) > 1
             self._compare(members)
 
+    def _all_true(self, station: Station, world: Mapping[str, Pose]) -> bool:
+        """Return whether no map in a world is a liar's, or misplaced by a given start pose."""
+        return world.keys() <= self._robots.keys() and not (
+            station.config.known_init_poses and any(self._robots[name].moved for name in world))
+
     def _compare(self, members: list[Station]) -> None:
         """Check that poses and drawn maps of one group are the same."""
         first = world_of(members[0])
         drawn = [one.drawn for one in members if one.drawn is not None]
         if len(first) > 1 and len(drawn) == len(members):
-            least = EQUAL if first.keys() <= self._robots.keys() else SPOILT
+            least = EQUAL if self._all_true(members[0], first) else SPOILT
             for grid in drawn[1:]:
                 share = alike(drawn[0], grid)
                 if share < least:

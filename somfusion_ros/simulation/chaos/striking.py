@@ -85,5 +85,7 @@ class Striking:
             self._outcome.broken.append(f'{robot.name}: a full disk, and nobody says so')
         if tape is None:
             return self.begin(robot, now, robot.tape)
+        robot.epoch = robot.epoch.gone_back(str(robot.starts))
+        robot.telling = f'{robot.epoch}t{robot.starts}'
         robot.tape, robot.started = tape, now
         return None
