@@ -57,9 +57,10 @@ class Scouting:
         known = self._peers.setdefault(peer, _Peer(clusters))
         known.clusters, known.fresh = clusters, True
 
-    def forget(self, peer: str) -> None:
-        """Forget the clusters of a peer's map: it has another one."""
-        self._peers.pop(peer, None)
+    def look_again(self, peer: str) -> None:
+        """Compare with a peer's clusters anew: its map is another one, and they may be of that."""
+        if peer in self._peers:
+            self._peers[peer] = _Peer(self._peers[peer].clusters)
 
     def look(self, own: Grid | None, wanted: Collection[str], config: FusionConfig,
              now: float) -> str | None:

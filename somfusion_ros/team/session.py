@@ -127,7 +127,7 @@ class FusionSession:
         pause = min(TUNING.first_pause * 2.0 ** min(before, MOST_DOUBLINGS),
                     TUNING.longest_return if back else TUNING.longest_pause) if before else 0.0
         self._looked[robot] = now + pause
-        self._scouting.forget(robot)
+        self._scouting.look_again(robot)
         self.presence.forget(None if robot == self._name else robot)
         for peer in [] if back else self._jumps.peers() if robot == self._name else [robot]:
             self._jumps.forget(peer)

@@ -2,17 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps of a robot that was gone for a while, told by itself and by others, in any order."""
 
+from types import SimpleNamespace
+
 from helpers import fake_grid, furnished_room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.channels import CHANGES, MAP, STATE
+from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, STATE
 from somfusion_ros.team.config import TeamConfig
-from somfusion_ros.team.heard import Heard
-from somfusion_ros.team.inbox import Inbox
+from somfusion_ros.team.heard import Heard, TimedPose
+from somfusion_ros.team.inbox import Inbox, TimedClusters
 from somfusion_ros.team.map_codec import key_message, MapEncoder, number_of
+from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, SharedMap
 from somfusion_ros.team.state_codec import TeamState
@@ -55,6 +59,50 @@ class Listener:
         """Check which map of z is shown."""
         shown = self.session.shown_maps()['z'].grid
         assert np.array_equal(shown.to_occupancy(), cells.values)
+
+
+@given(st.permutations(['state', 'map', 'clusters', 'pose']))
+def test_what_is_of_another_map_waits_or_changes_nothing(order: list[str]) -> None:
+    """Whatever overtakes what on the network, and though late words of the old map come after."""
+    listener, new = Listener(), Epoch('3d')
+    looked: list[int] = []
+    listener.session.take_clusters = lambda robot, clusters: looked.append(clusters)
+    listener.hear(MAP, key_message(version(1), EPOCH, 1))
+    messages = {'state': (STATE, TeamState('ab12', epoch=new, since=7, number=2)),
+                'map': (MAP, key_message(version(2), new, 2)),
+                'clusters': (CLUSTERS, TimedClusters(8, 8))}
+
+    def poses() -> list[Pose]:
+        return [item.pose for item in listener.inbox.heard['z'].poses]
+
+    def tell_pose(x: float, epoch: Epoch) -> None:
+        listener.inbox.keep_pose('z', lambda: (TimedPose(1.0, Pose(x), np.eye(3)), epoch))
+    tell_pose(1.0, EPOCH)
+    for what in order:
+        if what == 'pose':
+            tell_pose(2.0, new)
+        else:
+            listener.hear(*messages[what])
+    told = order.index('state') < order.index('pose')
+    assert poses() == ([Pose(2.0)] if told else [])
+    listener.assert_shows(version(2))
+    listener.hear(MAP, key_message(version(3), EPOCH, 3))
+    listener.hear(CLUSTERS, TimedClusters(6, 6))
+    tell_pose(3.0, EPOCH)
+    assert poses() == ([Pose(2.0)] if told else [])
+    listener.assert_shows(version(2))
+    assert looked == [8]
+
+
+def test_clusters_that_overtook_the_word_on_their_map_are_looked_at() -> None:
+    scouting, asked = Scouting(0.1, matchers=SimpleNamespace(screen=lambda own, clusters, *_: (
+        asked.append(clusters) or SimpleNamespace(likely=False)))), []
+    scouting.update('z', 1)
+    assert scouting.look(ROOM, (), FusionConfig(), 0.0) == 'z'
+    scouting.update('z', 2)
+    scouting.look_again('z')       # its map is another one
+    assert scouting.look(ROOM, (), FusionConfig(), 1.0) == 'z'
+    assert asked == [1, 2]
 
 
 def test_changes_go_on_after_others_told_the_map() -> None:

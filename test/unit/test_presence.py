@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where robots were, and what they saw, against what look-alike maps say."""
 
+from dataclasses import replace
+
 from helpers import cut_grid, fake_grid, furnished_room
 from hypothesis import given
 from hypothesis import strategies as st
@@ -196,6 +198,19 @@ def test_a_match_that_cannot_be_is_withdrawn_at_once_though_no_map_changes() -> 
     session.begin('b', Epoch('b', 1), 11.0, keep_map=True)      # of another map nothing is known
     session.attempt(30.0, force=True)
     assert told(session) == {'match'}
+
+
+def test_what_is_refused_on_the_maps_of_now_is_said_to_be_doubted_and_less_probable() -> None:
+    session, _ = alike()
+    session.attempt(0.0)
+    assert session.refresh({'b'}).doubted == frozenset()
+    session._matchers.align = lambda *grids: replace(
+        AlwaysSure().align(), accepted=False, probability=0.2, reason='refused: walls differ')
+    session.attempt(10.0, force=True)
+    snapshot = session.refresh({'b'})
+    assert snapshot.doubted == {'b'}
+    assert snapshot.words['b'] == 'kept'
+    assert [c.probability for c in snapshot.constraints] == [0.2]
 
 
 def test_two_sightings_outweigh_a_match_and_one_does_not() -> None:
