@@ -3,10 +3,10 @@
 """Simulated drives with truth, in memory: what the sensors tell, and how far the SLAM is off."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from somfusion_ros.geometry import Array, between, Pose, wrap
+from somfusion_ros.geometry import Array, between, compose, Pose, wrap
 from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.slam.config import SlamConfig
@@ -41,6 +41,24 @@ class Trial:
     def truth(self, stamps: Array) -> Array:
         """Return the true poses (k, 3) at times (k,) [s]."""
         return drive.at(self.stamps, self.poses, stamps)
+
+    def then(self, second: 'Trial', start: Array, laser: Laser) -> 'Trial':
+        """
+        Go on with a second drive, from a pose (3,) in the frame of the first scan.
+
+        Its sensors tell on a scan later, as if nothing had happened: the robot was taken up.
+        """
+        later = float(self.scans[-1].stamp + laser.period)
+        told, true = self.odometry_stamps < later, self.stamps < later
+        return Trial(
+            [*self.scans, *(replace(scan, stamp=scan.stamp + later) for scan in second.scans)],
+            np.concatenate([self.odometry_stamps[told], second.odometry_stamps + later]),
+            np.concatenate([self.odometry[told],
+                            compose(self.odometry[told][-1], second.odometry)]),
+            np.concatenate([self.slip[told], self.slip[told][-1] + second.slip]),
+            np.concatenate([self.wheels[told], self.wheels[told][-1] + second.wheels]),
+            np.concatenate([self.stamps[true], second.stamps + later]),
+            np.concatenate([self.poses[true], compose(start, second.poses)]))
 
 
 @dataclass(frozen=True, eq=False)

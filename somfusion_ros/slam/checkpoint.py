@@ -46,6 +46,17 @@ class ViewGraph:
     epoch: Epoch = Epoch()
     hidden: set[int] = field(default_factory=set)
 
+    def add(self, link: Constraint, seen: Cloud, stamp: float) -> int:
+        """Append a view that hangs on another, with what it saw at a stamp [s]; return it."""
+        new = self.ekf.augment(link.z, link.R, link.first)
+        if new:
+            self.constraints.append(link)
+        self.clouds.append(seen)
+        self.centres.append(centre(seen))
+        self.stamps.append(stamp)
+        self.to_close.append(new)
+        return new
+
     def hide(self, views: Iterable[int]) -> None:
         """Let views show nothing any more; they keep their place among the others."""
         for view in views:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from somfusion_ros.geometry import Array, between
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.agreement import denies
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
-from somfusion_ros.slam.loop_matching import judge
 from somfusion_ros.slam.scan import Cloud
 
 
@@ -30,10 +30,6 @@ class ContradictionTuning:
     sure: tuple[float, float] = tuned(
         (0.15, 0.05), 'm, rad', 'sigma of an old view seen from the new one; beyond it a loop is '
         'not closed yet', 'shared logs')
-    points: int = tuned(
-        30, 'points', 'that are judged, at least', 'not measured')
-    agreement: float = tuned(
-        0.5, 'share of points', 'below which a view denies the old ones', 'shared logs')
     times: int = tuned(
         4, 'views', 'that deny the old ones, with none between that agrees', 'shared logs')
     taken_back: int = tuned(
@@ -52,11 +48,13 @@ def denied(new: int, last: int, ekf: DelayedStateEkf, clouds: Sequence[Cloud]) -
             if away[k] < TUNING.near and len(clouds[k])]
     if len(near) < 3:
         return None
-    sigma = np.sqrt(np.diag(ekf.relative(near[0], new)[1]))
-    if sigma[:2].max() > TUNING.sure[0] or sigma[2] > TUNING.sure[1]:
+    if not sure(near[0], new, ekf):
         return None
     around = LocalMap.of_views([clouds[k] for k in near], list(between(poses[new], poses[near])))
-    on, against = judge(np.zeros(3), clouds[new], around)
-    if on + against < TUNING.points:
-        return None
-    return on < TUNING.agreement * (on + against)
+    return denies(np.zeros(3), clouds[new], around)
+
+
+def sure(old: int, new: int, ekf: DelayedStateEkf) -> bool:
+    """Return whether it is known well where a view is, seen from an old one."""
+    sigma = np.sqrt(np.diag(ekf.relative(old, new)[1]))
+    return bool(sigma[:2].max() <= TUNING.sure[0] and sigma[2] <= TUNING.sure[1])

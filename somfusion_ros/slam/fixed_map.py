@@ -125,7 +125,7 @@ class FixedMap(SingleMap):
 
     def _is_astray(self, is_due: bool) -> bool:
         """Return whether no match tells any more that the robot is where it seems to be."""
-        astray = (self.closer.take_back_denied() if self._blind == 0 else
+        astray = (self.closer.doubts.take_back() if self._blind == 0 else
                   self._blind >= TUNING.blind)
         if astray:
             self._forget()

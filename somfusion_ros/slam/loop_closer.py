@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loop closure at work: new views matched against old places, beside the scan path."""
 
-from collections import Counter, deque
+from collections import Counter
 from threading import Lock
 
 import numpy as np
 from somfusion_ros.geometry import Array
-from somfusion_ros.slam import contradiction, loop_matching, loops, smoothing
+from somfusion_ros.slam import loop_matching, loops, smoothing
 from somfusion_ros.slam.checkpoint import ViewGraph
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.doubts import Doubts
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loop_trust import Loop, LoopClosure
 
@@ -21,8 +22,7 @@ class LoopCloser:
                  counters: Counter[str]) -> None:
         self.graph, self.config, self.counters = graph, config, counters
         self.closure = LoopClosure(config)
-        self.denials = 0     # views, of those that nothing has confirmed yet, that deny old ones
-        self.unconfirmed: deque[int] = deque(maxlen=contradiction.TUNING.taken_back)
+        self.doubts = Doubts(graph, counters)
         self._lock = lock
         self._moved = 0.0    # [m] that loops moved the poses since the last re-solving
 
@@ -38,37 +38,8 @@ class LoopCloser:
         if targets:
             self._match_loops(new, targets, poses)
         self._relinearise()
-        self._look_for_contradiction(new)
-        return True
-
-    def _look_for_contradiction(self, new: int) -> None:
-        """Count the views, one after another, that deny what old ones saw."""
         with self._lock:
-            denies = contradiction.denied(new, new - self.config.loop_minimum_gap,
-                                          self.graph.ekf, self.graph.clouds)
-        if denies is False:
-            self.unconfirmed.clear()
-            self.denials = 0
-            return
-        self.unconfirmed.append(new)
-        if denies:
-            self.denials += 1
-            self.counters['views_denied'] += 1
-
-    def take_back_denied(self) -> bool:
-        """
-        Let views that deny the old ones show nothing any more; return whether there are any.
-
-        The lock must be held. With them go all that nothing has confirmed since they came.
-        """
-        if self.denials < contradiction.TUNING.times:
-            return False
-        first, n = self.unconfirmed[0], self.graph.ekf.n
-        self.graph.hide(range(first, n))
-        self.graph.scans.drop(first)
-        self.graph.to_close.clear()
-        self.denials = 0
-        self.unconfirmed.clear()
+            self.doubts.judge(new, new - self.config.loop_minimum_gap)
         return True
 
     def _match_loops(self, new: int, targets: list[loops.Candidate], poses: Array) -> None:

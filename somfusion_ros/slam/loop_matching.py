@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, between, compose, inverse
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.agreement import judge
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.correlative import search
@@ -55,10 +56,6 @@ class LoopMatchingTuning:
     clear: float = tuned(
         0.02, 'share of points', 'by which agreement must be better than at any other place',
         'benchmarks/slam/look_alikes.py')
-    on_surface: float = tuned(
-        0.12, 'm', 'a point this near lies on the old surface', 'not measured')
-    conflict: float = tuned(
-        0.2, 'm', 'a point this far lies off it', 'not measured')
 
 
 TUNING = LoopMatchingTuning()
@@ -130,15 +127,6 @@ def agreement_of(found: Match, cloud: Cloud, target: LocalMap) -> float:
     """
     on, against = judge(found.T_map_scan, cloud, target)
     return on / max(on + against, 1)
-
-
-def judge(T_map_scan: Array, cloud: Cloud, target: LocalMap) -> tuple[int, int]:
-    """Count the points of a cloud at a pose (3,) on the old surface, and in free space off it."""
-    p = apply(T_map_scan, cloud.points)
-    distance, _ = target.tree.query(p, distance_upper_bound=TUNING.conflict)
-    far = ~np.isfinite(distance)
-    return (int((distance < TUNING.on_surface).sum()),
-            int((far & target.seen_through(p)).sum()))
 
 
 def _match_far(candidate: Candidate, cloud: Cloud, target: LocalMap) -> tuple[Match, bool]:

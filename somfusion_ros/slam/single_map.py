@@ -8,7 +8,7 @@ from threading import Lock
 import numpy as np
 from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
                                     inverse, Pose)
-from somfusion_ros.slam import loops, places
+from somfusion_ros.slam import places
 from somfusion_ros.slam.checkpoint import Checkpoint, ViewGraph
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
@@ -64,6 +64,8 @@ class SingleMap:
         with self.lock:
             track = self.tracker.step(seen, odometry)
             self._blind = 0 if track.matched or not self.graph.clouds else self._blind + 1
+            self.closer.doubts.follow(track.matched and track.expected and
+                                      track.inlier_ratio >= self.config.doubtful_inlier_ratio)
             is_due = self._is_due(track, seen)
             self.astray = self._is_astray(is_due)
             goes_on = is_due and not self.astray and self._goes_on(track, seen)
@@ -125,18 +127,15 @@ class SingleMap:
 
     def _add_view(self, stamp: float, seen: Cloud, track: Track) -> None:
         """Add the current pose to the filter, and match against what it saw from now on."""
-        new = self.graph.ekf.augment(track.T_view_base, track.R, self._at)
-        if new:
-            self.graph.constraints.append(Constraint(self._at, new, track.T_view_base, track.R))
-        self.graph.clouds.append(seen)
-        self.graph.centres.append(loops.centre(seen))
-        self.graph.stamps.append(stamp)
+        link = Constraint(self._at, self.graph.ekf.n, track.T_view_base, track.R)
+        new = self.graph.add(link, seen, stamp)
+        if self.grows:
+            self.closer.doubts.add(new, self._around)
         self._successors.add(new, self._denied, stamp)
         self._at = new
         self._fresh.append(new)
         self._around = [*self._around, new][-self.config.local_map_views:]
         self.tracker.start_view(self.graph.local_map(new, self._around))
-        self.graph.to_close.append(new)
 
     def _members(self, view: int) -> range:
         """Return the views whose surface an old view is matched with."""
@@ -173,8 +172,9 @@ class SingleMap:
     def _is_astray(self, is_due: bool) -> bool:
         """Return whether no match tells any more that the robot is where it seems to be."""
         if self._blind == 0 or len(self.graph.clouds) < TUNING.known:
-            return self.closer.take_back_denied()
-        return self._blind >= (TUNING.blind_due if is_due else TUNING.blind)
+            return self.closer.doubts.take_back()
+        return self._blind >= TUNING.blind or is_due and (
+            self.tracker.lost or self._blind >= TUNING.blind_due)
 
     def stand(self, pose: Array, P: Array, tracker: Tracker | None = None,
               stamp: float | None = None) -> None:

@@ -14,11 +14,13 @@ class Track:
 
     T_view_base (3,) from the last view, the covariance R (3, 3) with which the views after this
     one inherit its error, whether a match corrected it, the share of the scan that the match
-    explained, and what was wrong, '' if nothing.
+    explained, whether it lies near where the odometry expected it, and what was wrong, '' if
+    nothing.
     """
 
     T_view_base: Array
     R: Array
     matched: bool
     inlier_ratio: float
+    expected: bool
     reason: str

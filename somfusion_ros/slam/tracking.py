@@ -11,6 +11,8 @@ however long the robot has driven.
 import numpy as np
 from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
                                     squared_mahalanobis, wrap)
+from somfusion_ros.slam.agreement import denies
+from somfusion_ros.slam.anchor import Anchor
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.covariance import along, ScaleError, sweep_covariance
@@ -43,7 +45,7 @@ class Tracker:
         self.usual = 0.0            # inlier ratio of late
         self.lost = False
         self._resumed = False
-        self._anchor: tuple[Odometry, Array] | None = None   # before odometry and match differed
+        self._anchor = Anchor()
         self.calibration = Calibration()
 
     def state(self) -> TrackerState:
@@ -70,8 +72,7 @@ class Tracker:
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
         self.around = local_map
-        if self._anchor is not None:
-            self._anchor = self._anchor[0], between(self.T_view_base, self._anchor[1])
+        self._anchor.reframe(self.T_view_base, np.zeros(3))
         T = turned(self.T_view_base[2])
         self.P = (1.0 - INHERITED.handed_on) * T @ self.P @ T.T
         self._scale.start_view(self.T_view_base[2])
@@ -80,19 +81,14 @@ class Tracker:
     def go_on(self, local_map: LocalMap, T_view_base: Array, P: Array) -> None:
         """Go on from another view, with the local map around it, at a pose and covariance."""
         self.around = local_map
-        if self._anchor is not None:
-            ahead = between(self.T_view_base, self._anchor[1])
-            self._anchor = self._anchor[0], compose(T_view_base, ahead)
+        self._anchor.reframe(self.T_view_base, T_view_base)
         self.T_view_base, self.P, self.lost = T_view_base, P, False
         self._scale.forget()
 
     @property
     def covariance(self) -> Array:
         """Covariance (3, 3) of T_view_base, with the unknown scale of the odometry."""
-        return self.P + self._scale_covariance()
-
-    def _scale_covariance(self) -> Array:
-        return self._scale.covariance(self.calibration.P_travelling[0, 0])
+        return self.P + self._scale.covariance(self.calibration.P_travelling[0, 0])
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
         """Predict to the scan's odometry, then correct by matching the scan."""
@@ -102,7 +98,7 @@ class Tracker:
                 self.odometry = odometry
         before, previous, was_lost = self.T_view_base, self.odometry, self.lost
         reason = self._predict(odometry)
-        matched, ratio = False, 0.0
+        matched, ratio, seed = False, 0.0, self.T_view_base
         if self.around is not None and min(len(scan), len(self.around)) >= FEWEST:
             match, matched = self._match(scan, self.around, before, bool(reason))
             self._keep_anchor(match, previous, before)
@@ -115,15 +111,18 @@ class Tracker:
                     self.calibration.learn(previous, odometry,
                                            between(before, self.T_view_base),
                                            along(match.covariance, self.T_view_base[2]))
-            else:
+            elif not self.lost and denies(self.T_view_base, scan, self.around):
+                self._lose()
+            if not matched:
                 reason = reason or ('lost' if self.lost else 'match_rejected')
         if matched:
             self._unseen = 0.0
             self.usual += TUNING.memory * (ratio - self.usual)
         if self._dt > 0.0 and not self.lost:
             self._velocity = between(before, self.T_view_base) / self._dt
-        R = INHERITED.handed_on * self.P + self._scale_covariance()
-        return Track(self.T_view_base, R, matched, ratio, reason)
+        R = self.covariance - (1.0 - INHERITED.handed_on) * self.P
+        expected = near(self.T_view_base, seed, TUNING.broke)
+        return Track(self.T_view_base, R, matched, ratio, expected, reason)
 
     def _began_anew(self, scan: Cloud, odometry: Odometry) -> bool:
         """Return whether the odometry of the first scan after a restart begins at another pose."""
@@ -204,9 +203,14 @@ class Tracker:
             enough = max(enough, TUNING.regained * self.usual)
         found = best.match.inlier_ratio >= enough and not rivals(best, tried)
         if not found and not self.lost:
-            self.P = self.P + np.diag(TUNING.lost_sigma) ** 2
+            self._lose()
         self.lost = not found
         return found
+
+    def _lose(self) -> None:
+        """Be lost until a match is clear."""
+        self.P = self.P + np.diag(TUNING.lost_sigma) ** 2
+        self.lost = True
 
     @property
     def _sparse(self) -> bool:
@@ -219,18 +223,13 @@ class Tracker:
         differ = self.lost or self._disagreement(match) >= TUNING.doubt
         caught_up = any(near(match.T_map_scan, pose, TUNING.broke) for pose in self._caught_up())
         if not differ or caught_up:
-            self._anchor = None
-        elif self._anchor is None and previous is not None:
-            self._anchor = previous, before
+            self._anchor.drop()
+        else:
+            self._anchor.hold(previous, before)
 
     def _caught_up(self) -> list[Array]:
-        """Return the odometry's pose (3,) reckoned from the anchor, as a list of one or none."""
-        if (self._anchor is None or self.odometry is None
-                or self.odometry.stamp - self._anchor[0].stamp > TUNING.catch_up):
-            return []
-        odometry, pose = self._anchor
-        return [compose(pose, self.calibration.correct(
-            between(odometry.pose, self.odometry.pose)))]
+        """Return where the odometry is if it left nothing out, as a list of one or none."""
+        return self._anchor.reckoned(self.odometry, self.calibration)
 
     def _disagreement(self, match: Match, expected: Array | None = None) -> float:
         """Return the squared Mahalanobis distance of a match to the prediction or a pose."""

@@ -7,10 +7,10 @@ from dataclasses import replace
 from helpers import pose_error
 import numpy as np
 import pytest
-from somfusion_ros.geometry import Array, between, compose
+from somfusion_ros.geometry import Array, between, compose, Pose
 from somfusion_ros.simulation import drive, floor_plan
-from somfusion_ros.simulation.laser import Scene
-from somfusion_ros.simulation.trial import SICK, simulate_trial, Trial
+from somfusion_ros.simulation.laser import Laser, Scene
+from somfusion_ros.simulation.trial import run_trial, SICK, simulate_trial, Trial
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.grid_views import grid_checkpoint
 from somfusion_ros.slam.motion import Odometry
@@ -21,6 +21,7 @@ from somfusion_ros.slam.step import Step
 pytestmark = pytest.mark.slow
 
 PLAN = floor_plan.office()
+SPARSE = Laser(181, np.pi, 0.1, 12.0, 0.4, mount=Pose(0.2, 0.0, 0.0))
 FOUND_WITHIN = 10.0                    # [m] of driving
 METRES, RADIANS = 0.1, np.radians(1.0)   # off the truth once found
 # Through the corridor and two rooms; the second way is another robot's.
@@ -104,6 +105,20 @@ def test_a_kidnapped_robot_notices_it_and_is_found(mapped: tuple[Checkpoint, Sla
     assert_found(slam, steps)
     assert len(slam.views()[0]) < len(views) + 60
     assert np.abs(slam.views()[1][:len(views)] - views).max() < 0.05
+
+
+@pytest.mark.parametrize(('taken', 'put'), [(250, 120), (250, 60), (330, 200), (330, 20)])
+def test_a_robot_taken_up_while_it_drives_notices_it_and_is_found(taken: int, put: int) -> None:
+    """From one scan to the next it drives elsewhere on its way; its wheels tell nothing of it."""
+    stamps, poses = drive.follow(np.array(FIRST), 0.0, 0.6, 400.0)
+    taken, put = 10 * taken, 10 * put
+    scene, rng = Scene(PLAN.segments), np.random.default_rng(taken + put)
+    first = simulate_trial(lambda t: scene, stamps[:taken], poses[:taken], SPARSE, rng)
+    second = simulate_trial(lambda t: scene, stamps[:len(poses) - put], poses[put:], SPARSE, rng)
+    outcome = run_trial(first.then(second, between(poses[0], poses[put]), SPARSE))
+    assert outcome.slam.found and not outcome.slam.lost
+    after = np.array([step.stamp for step in outcome.steps]) > outcome.slam.found[0].stamp
+    assert np.percentile(np.hypot(*outcome.error[after, :2].T), 95) < METRES
 
 
 def test_a_robot_is_tracked_in_a_map_that_stays_as_it_is(mapped: tuple[Checkpoint, Slam]) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from somfusion_ros.geometry import Array, compose, Pose
+from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.simulation.drive import follow
 from somfusion_ros.simulation.floor_plan import PLANS
@@ -81,26 +81,13 @@ def record(place: str, robot: int, duration: float, seed: int, taken_at: float =
     trial = simulate_trial(lambda t: scene, stamps[:k], poses[:k], LASER, rng)
     if k < len(stamps):
         again = slice(k // 2, k // 2 + len(stamps) - k)
-        trial = _followed(trial, simulate_trial(
-            lambda t: scene, stamps[:len(stamps) - k], poses[again], LASER, rng))
+        trial = trial.then(simulate_trial(
+            lambda t: scene, stamps[:len(stamps) - k], poses[again], LASER, rng),
+            between(poses[0], poses[again.start]), LASER)
     session = Session(SlamConfig(), 0.5, lambda kind, reason='': None, background=False)
     for stamp, pose, slip in zip(trial.odometry_stamps, trial.odometry, trial.slip, strict=True):
         session.add_odometry(stamp, pose, slip)
     return _replayed(session, trial, place, Pose.from_array(poses[0]))
-
-
-def _followed(first: Trial, second: Trial) -> Trial:
-    """Let the sensors of a second trial tell on after those of a first, as if nothing happened."""
-    later = float(first.scans[-1].stamp + LASER.period)
-    kept = first.odometry_stamps < later
-    last, slipped = first.odometry[kept][-1], first.slip[kept][-1]
-    return replace(
-        first, scans=[*first.scans, *(replace(scan, stamp=scan.stamp + later)
-                                      for scan in second.scans)],
-        odometry_stamps=np.concatenate([first.odometry_stamps[kept],
-                                        second.odometry_stamps + later]),
-        odometry=np.concatenate([first.odometry[kept], compose(last, second.odometry)]),
-        slip=np.concatenate([first.slip[kept], slipped + second.slip]))
 
 
 def _replayed(session: Session, trial: Trial, place: str, T_place_map: Pose) -> Tape:

@@ -1,0 +1,81 @@
+# Copyright 2026 The somfusion_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Views that little holds: they stay where they agree with what was seen before them, or go."""
+
+from collections import Counter
+
+from helpers import fake_room, fake_scan
+import numpy as np
+import pytest
+from somfusion_ros.geometry import Array, compose
+from somfusion_ros.slam.agreement import denies
+from somfusion_ros.slam.bridge import Bridge, TUNING
+from somfusion_ros.slam.checkpoint import ViewGraph
+from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.doubts import Doubts
+from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.scan import cloud
+from somfusion_ros.slam.view_tuning import TUNING as VIEWS
+
+ROOM, STEP = fake_room(), np.array([0.05, 0.0, 0.02])
+START = np.array([1.2, 1.5, 0.3])
+R = np.diag([0.002, 0.002, 0.001]) ** 2
+KNOWN = VIEWS.known                     # views before the bridge
+CARRIED = np.array([1.5, 0.6, 2.0])     # from where the robot seems to be
+
+
+def drive(carried: Array) -> ViewGraph:
+    """Map a room; from a view on, the robot is carried from where it seems to be."""
+    graph, rng, pose = ViewGraph(), np.random.default_rng(3), START
+    for k in range(KNOWN + TUNING.views):
+        true = compose(pose, carried) if k >= KNOWN else pose
+        seen = cloud(fake_scan(ROOM, true, noise=0.01, rng=rng), 30.0)
+        graph.add(Constraint(k - 1, k, STEP if k else np.zeros(3), R), seen, float(k))
+        pose = compose(pose, STEP)
+    return graph
+
+
+@pytest.mark.parametrize('carried', [np.zeros(3), CARRIED], ids=['true', 'carried'])
+def test_a_bridge_is_judged_by_what_hangs_on_it(carried: Array) -> None:
+    graph = drive(carried)
+    bridge = Bridge(KNOWN, range(KNOWN - 10, KNOWN))
+    said = [bridge.denied(new, graph.ekf, graph.clouds) for new in range(KNOWN, graph.ekf.n)]
+    assert said[:-1] == [None] * (TUNING.views - 1)    # not before some views are judged
+    assert said[-1] is bool(carried.any())
+
+
+@pytest.mark.parametrize('weak', [False, True])
+def test_views_that_little_holds_are_taken_back_with_all_after_them(weak: bool) -> None:
+    graph = drive(CARRIED)
+    graph.to_close.clear()
+    count = Counter[str]()
+    doubts = Doubts(graph, count)
+    for new in range(KNOWN, graph.ekf.n):
+        doubts.follow(new > KNOWN or not weak)     # what comes next fits the view that was kept
+        doubts.add(new, range(KNOWN - 10, KNOWN))
+        assert not doubts.take_back()
+        doubts.judge(new, new - 2 * KNOWN)         # nothing is old enough to deny it view by view
+    assert doubts.take_back() is weak
+    assert graph.hidden == (set(range(KNOWN, graph.ekf.n)) if weak else set())
+    assert count['bridges_denied'] == int(weak)
+    assert not doubts.take_back()
+
+
+def test_a_new_map_has_nothing_to_take_back() -> None:
+    """Before a map is worth coming back to, a view that little holds is a guess like any other."""
+    graph, count = drive(CARRIED), Counter[str]()
+    doubts = Doubts(graph, count)
+    doubts.follow(False)
+    doubts.add(KNOWN - 1, range(3))
+    for new in range(KNOWN, graph.ekf.n):
+        doubts.judge(new, 0)
+    assert not doubts.take_back() and not count['bridges_denied']
+
+
+def test_few_points_neither_deny_nor_agree() -> None:
+    graph = drive(np.zeros(3))
+    around = LocalMap.of_views(graph.clouds[:3], list(graph.ekf.poses[:3]))
+    seen = cloud(fake_scan(ROOM, START, noise=0.01, rng=np.random.default_rng(1)), 30.0)
+    assert denies(np.zeros(3), seen, around) is False
+    assert denies(CARRIED, seen, around) is True
+    assert denies(np.array([50.0, 0.0, 0.0]), seen, around) is None
