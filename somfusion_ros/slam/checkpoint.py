@@ -144,7 +144,7 @@ class Checkpoint:
            fresh: Iterable[int] = ()) -> 'Checkpoint':
         """Copy what is appended to; records and clouds themselves never change."""
         return cls(graph.ekf.poses.copy(), np.array(graph.stamps), tuple(graph.clouds),
-                   tuple(graph.constraints), graph.scans.copy(), graph.trail.rows.copy(),
+                   tuple(graph.constraints), graph.scans.copy(), graph.trail.rows,
                    tuple(graph.to_close), view, tracker, graph.epoch, tuple(around),
                    tuple(fresh))
 
@@ -163,6 +163,7 @@ class Checkpoint:
         """Return a graph to go on with: every constraint is fused again, in order."""
         ekf, scans = DelayedStateEkf.of(self.poses, self.constraints), MapScans()
         scans.extend(self.scans, place(self.scans, self.poses))
+        scans.resume()
         graph = ViewGraph(ekf, list(self.clouds), [centre(cloud) for cloud in self.clouds],
                           self.stamps.tolist(), list(self.constraints), scans, Trail(self.trail),
                           deque(self.to_close), self.epoch)

@@ -77,7 +77,7 @@ class FixedMap(SingleMap):
     def checkpoint(self) -> Checkpoint:
         """Return the map as it was, with the trail of this run hung on its views."""
         with self.lock:
-            rows, state, at = self.graph.trail.rows.copy(), self.tracker.state(), self._at
+            rows, state, at = self.graph.trail.rows, self.tracker.state(), self._at
             poses, parents = self.graph.ekf.poses.copy(), self.graph.ekf.parents
             hung = np.arange(len(poses))
             for own in range(len(self._map.poses), len(poses)):

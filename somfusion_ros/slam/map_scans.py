@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scans kept for the map: of every place the newest few, however long the robot drives."""
 
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -24,8 +24,10 @@ class MapScanTuning:
     sectors: int = tuned(
         6, 'sectors', 'of the heading, within which scans look the same way', 'by design')
     kept: int = tuned(
-        8, 'scans', 'kept of one place, the newest; fewer blur a wall less but draw it thinner, '
-        'more cost memory and time of drawing', 'benchmarks/life.py')
+        4, 'scans', 'kept of one place, the newest; with 8 the share of right walls is the same, '
+        'and a map takes longer to fill up', 'benchmarks/life.py, benchmarks/week.py, CSAIL')
+    often: int = tuned(
+        8, 'scans', 'taken at one place make it one where the robot has been often', 'shared logs')
 
 
 TUNING = MapScanTuning()
@@ -51,6 +53,7 @@ class MapScans:
     def __init__(self) -> None:
         self._scans: dict[MapScan, None] = {}
         self._places: defaultdict[Place, deque[MapScan]] = defaultdict(deque)
+        self._taken: Counter[Place] = Counter()
         self.newest_at = np.zeros(3)     # pose in the map
 
     def __len__(self) -> int:
@@ -63,19 +66,25 @@ class MapScans:
         """Keep a scan taken at a pose (3,) in the map."""
         self._scans[scan] = None
         self.newest_at = pose
+        self._taken[place_of(pose)] += 1
         here = self._places[place_of(pose)]
         here.append(scan)
         if len(here) > TUNING.kept:
             del self._scans[here.popleft()]
 
-    def full(self, pose: Array) -> bool:
-        """Return whether as many scans as are kept were taken where a pose (3,) is."""
-        return len(self._places.get(place_of(pose), ())) >= TUNING.kept
+    def often(self, pose: Array) -> bool:
+        """Return whether many scans were taken where a pose (3,) is."""
+        return self._taken[place_of(pose)] >= TUNING.often
 
     def extend(self, scans: Iterable[MapScan], poses: Array) -> None:
         """Keep scans by age, taken at poses (n, 3)."""
         for scan, pose in zip(scans, poses, strict=True):
             self.add(scan, pose)
+
+    def resume(self) -> None:
+        """Take it that the robot has been often where all scans are kept that may be."""
+        for there, scans in self._places.items():
+            self._taken[there] = TUNING.often * (len(scans) >= TUNING.kept)
 
     def drop(self, view: int) -> None:
         """Drop the scans that hang on a view, or on a later one."""

@@ -149,7 +149,7 @@ class SingleMap:
         usable = self.graph.showing()
         usable[[self._at, *self._fresh]] = False
         pose = self.pose()[0]
-        place = places.known(pose, ekf.poses, usable, self.graph.scans.full(pose), self.config)
+        place = places.known(pose, ekf.poses, usable, self.graph.scans.often(pose), self.config)
         for k, view in enumerate(place.views):
             found = places.explain(
                 places.Expected(view, *self._seen_from(view)), seen,

@@ -80,7 +80,6 @@ class Slam:
         self._map = (FixedMap(self.config, self.counters, checkpoint)
                      if start.localization and checkpoint is not None else
                      SingleMap(self.config, self.counters, checkpoint))
-        self._resumed = 0 if start.localization else len(self._map.graph.trail)   # scans of before
         self._mapper = Mapper(self.config.resolution, self.counters)
         self._last = self._map.last
         self._lost: Lost | None = None
@@ -180,7 +179,8 @@ class Slam:
         if self._lost is not None and not self.found:
             return self._lost.piece.trajectory()
         stamps, poses = self._map.trajectory()
-        return stamps[self._resumed:], poses[self._resumed:]
+        before = self._map.graph.trail.before
+        return stamps[before:], poses[before:]
 
     def checkpoint(self) -> Checkpoint:
         """Return what a later run can go on from."""

@@ -90,7 +90,7 @@ class Teller:
             self._told.add(scan.outline)
             view, last = self._last
             x, y, theta = scan.T_view_base - (last if view == scan.view else np.zeros(3))
-            stamp = stamps.get((scan.view, *scan.T_view_base.tolist()))
+            stamp = stamps.get(_key(scan.view, scan.T_view_base))
             if stamp is None or max(np.hypot(x, y), abs(wrap(theta))) < TUNING.spacing:
                 continue
             pose = compose(path.poses[scan.view], scan.T_view_base)
@@ -105,7 +105,13 @@ class Teller:
 def _stamps(path: Checkpoint, views: set[int]) -> dict[tuple[float, ...], float]:
     """Return the stamps [s] of the scans that hang on some views, by view and T_view_base."""
     rows = path.trail[np.isin(path.trail[:, 1], list(views))]
-    return {tuple(row[1:]): row[0] for row in rows.tolist()}
+    return dict(zip([_key(int(row[1]), row[2:]) for row in rows], rows[:, 0].tolist(),
+                    strict=True))
+
+
+def _key(view: int, T_view_base: Array) -> tuple[float, ...]:
+    """Return what tells a scan from others: the trail keeps poses in single precision."""
+    return view, *T_view_base.astype(np.float32).tolist()
 
 
 def tell(path: Checkpoint) -> Facts:

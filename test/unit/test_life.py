@@ -127,5 +127,6 @@ def test_a_trail_is_thinned_and_its_newest_part_is_whole() -> None:
         trail.append(float(k), 0, np.zeros(3))
     assert len(trail) <= MOST
     assert trail.stamps[-1] == MOST + 999
+    assert trail.before == np.count_nonzero(trail.stamps < MOST)    # of an earlier run
     assert (np.diff(trail.stamps) > 0).all()
     assert (np.diff(trail.stamps[-MOST // 3:]) == 1.0).all()
