@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from somfusion_ros.geometry import Array, between
+from somfusion_ros.geometry import apply, Array, between
 from somfusion_ros.settings import tuned
-from somfusion_ros.slam.agreement import judge
+from somfusion_ros.slam.agreement import judge_back, lasting
 from somfusion_ros.slam.agreement import TUNING as AGREEMENT
 from somfusion_ros.slam.contradiction import sure
 from somfusion_ros.slam.ekf import DelayedStateEkf
@@ -27,14 +27,11 @@ class BridgeTuning:
     """When views that little holds are right, and when they are taken back."""
 
     reach: float = tuned(
-        5.0, 'm', 'from the map before, within which it saw the same', 'not measured')
+        5.0, 'm', 'from the map before, beyond which nothing is judged any more', 'not measured')
     views: int = tuned(
         4, 'views', 'that are judged together', 'benchmarks/slam/carried.py')
-    given_up: int = tuned(
-        40, 'views', 'after which nothing is judged any more', 'by design')
     agreement: float = tuned(
-        .85, 'share of points', 'judged, below which they do not hang there: they do on all '
-        'shared logs at 0.87 and more', 'benchmarks/slam/carried.py')
+        0.85, 'share of squares', 'that lasted, below which they do not hang there', 'benchmarks/slam/carried.py')
 
 
 TUNING = BridgeTuning()
@@ -53,20 +50,19 @@ class Bridge:
     def denied(self, new: int, ekf: DelayedStateEkf, clouds: Sequence[Cloud]) -> bool | None:
         """Return whether the views up to a new one deny those before; None until that is known."""
         before = [k for k in self.before if len(clouds[k])]
-        if not before or new - self.first > TUNING.given_up:
-            return False
         poses: Array = ekf.poses
+        if not before or np.hypot(*(poses[before[-1], :2] - poses[new, :2])) > TUNING.reach:
+            return False
         at = before[-1]
-        if np.hypot(*(poses[at, :2] - poses[new, :2])) < TUNING.reach:
-            around = LocalMap.of_views([clouds[k] for k in before],
-                                       list(between(poses[at], poses[before])))
-            pose = between(poses[at], poses[new])
-            if not sure(at, new, ekf):
-                pose = register(clouds[new], around, pose).T_map_scan
-            on, against = judge(pose, clouds[new], around)
-            if on + against >= AGREEMENT.points:
-                self._on, self._against, self._judged = (
-                    self._on + on, self._against + against, self._judged + 1)
+        placed, pose = list(between(poses[at], poses[before])), between(poses[at], poses[new])
+        if not sure(at, new, ekf):
+            around = LocalMap.of_views([clouds[k] for k in before], placed)
+            pose = register(clouds[new], around, pose).T_map_scan
+        on, against = judge_back(pose, clouds[new], lasting(
+            [apply(p, clouds[k].points) for p, k in zip(placed, before, strict=True)]))
+        if on + against >= AGREEMENT.points:
+            self._on, self._against, self._judged = (
+                self._on + on, self._against + against, self._judged + 1)
         if self._judged < TUNING.views:
             return None
         return self._on < TUNING.agreement * (self._on + self._against)

@@ -11,7 +11,7 @@ however long the robot has driven.
 import numpy as np
 from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
                                     squared_mahalanobis, wrap)
-from somfusion_ros.slam.agreement import denies
+from somfusion_ros.slam.agreement import looks_through
 from somfusion_ros.slam.anchor import Anchor
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.config import SlamConfig
@@ -111,7 +111,7 @@ class Tracker:
                     self.calibration.learn(previous, odometry,
                                            between(before, self.T_view_base),
                                            along(match.covariance, self.T_view_base[2]))
-            elif not self.lost and denies(self.T_view_base, scan, self.around):
+            elif not self.lost and looks_through(self.T_view_base, scan, self.around):
                 self._lose()
             if not matched:
                 reason = reason or ('lost' if self.lost else 'match_rejected')

@@ -1,7 +1,8 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Teams in simulated time under random faults; new seeds are for `benchmarks.team.chaos`."""
+"""Teams in simulated time under random faults: fixed seeds, and a new one every day."""
 
+from datetime import date
 from functools import cache
 import os
 from pathlib import Path
@@ -45,6 +46,7 @@ print(run_seed(5, tapes, matching).digest.hex(), matching.memory.done)
 
 FIXED = (0, 3, 10)      # the last one found that a liar's word made others drop a map
 MORE = (1, 2, 4, 6, 7)
+FRESH = 1_000_000 + date.today().toordinal()
 
 
 @cache
@@ -73,7 +75,7 @@ def test_a_team_survives_what_a_seed_chooses(seed: int) -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize('seed', MORE)
+@pytest.mark.parametrize('seed', [*MORE, FRESH])
 def test_a_team_survives_more_seeds(seed: int) -> None:
     outcome = run_seed(seed, tapes(), matching())
     assert not outcome.broken, said(outcome)
