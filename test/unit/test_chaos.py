@@ -94,6 +94,18 @@ def test_the_same_seed_is_the_same_run_bit_for_bit(tmp_path: Path) -> None:
     assert found.stdout.split() == [first.digest.hex(), '0']
 
 
+def test_what_is_matched_does_not_depend_on_what_a_session_learned_before() -> None:
+    """To the last bit: what is kept of earlier maps rounds otherwise."""
+    one, other = tapes()[0], tapes()[1]
+    grown = FusionCache()
+    for k in range(2):
+        grids = [SharedMap.from_cells(tape.maps[k]).grid for tape in (one, other)]
+        found, fresh = (Matching().align(*grids, FusionConfig(), cache)
+                        for cache in (grown, FusionCache()))
+        assert found.T_target_source == fresh.T_target_source
+        assert np.array_equal(found.covariance, fresh.covariance)
+
+
 def test_a_memory_of_other_code_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                                             ) -> None:
     kept, other, same = Memory(2), Memory(2), Memory(2)

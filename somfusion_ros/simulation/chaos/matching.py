@@ -42,7 +42,12 @@ DRAWINGS = 200     # and maps that were drawn of views
 
 
 class Matching(Matchers):
-    """The matchers of a session, with a memory that all sessions of a campaign share."""
+    """
+    The matchers of a session, with a memory that all sessions of a campaign share.
+
+    Maps are learned without what a session kept of earlier ones: that rounds otherwise, so that
+    the last bits would depend on who asked first.
+    """
 
     def __init__(self) -> None:
         self.memory = Memory(LARGEST)
@@ -60,7 +65,8 @@ class Matching(Matchers):
         """Match two maps."""
         self._note('cells matched', max(target.evidence.size, source.evidence.size))
         found: Alignment = self.memory.of(('align', self._map(target), self._map(source)),
-                                          lambda: align(target, source, config, cache=cache))
+                                          lambda: align(target, source, config,
+                                                        cache=FusionCache()))
         return replace(found, seconds={})   # how long it took is no part of a simulation
 
     def screen(self, own: Grid, clusters: Clusters, config: FusionConfig,
@@ -69,14 +75,15 @@ class Matching(Matchers):
         told = blake2b(np.ascontiguousarray(clusters.centres).data, digest_size=16).digest()
         found: Screening = self.memory.of(
             ('screen', self._map(own), told),
-            lambda: screen(learn(own, config, cache), clusters, config))
+            lambda: screen(learn(own, config, FusionCache()), clusters, config))
         return found
 
     def clusters(self, session: FusionSession) -> Clusters:
         """Return the clusters that a robot tells of its own map."""
         own = session.own_grid
-        found: Clusters = self.memory.of(('clusters', self._map(own)),
-                                         lambda: outline(session.learned_own()))
+        assert own is not None      # who tells clusters has a map
+        found: Clusters = self.memory.of(('clusters', self._map(own)), lambda: outline(
+            learn(own, session.fusion, FusionCache())))
         return found
 
     def bond(self, views: Mapping[str, ViewSet], target: str, source: str, T_target_source: Pose
