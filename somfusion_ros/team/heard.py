@@ -35,6 +35,9 @@ class HearingTuning:
     uneven: float = tuned(
         0.3, '', 'share of the step between two poses that is its sigma on the way: a robot may '
         'make nearly all of it just before the end', 'by design')
+    swerve: float = tuned(
+        0.1, 'm/s, rad/s', 'sigma, by the time to the nearer one, of a robot between two poses '
+        'that are the same: it may turn away and back', 'simulated teams')
     stepped: float = tuned(
         5.0, 's', 'a stamp that is so much older than the last is of a clock that was set back, '
         'one so far in the future of a clock that is ahead, and two clocks must not differ by '
@@ -177,8 +180,9 @@ def _interpolate(last: TimedPose, first: TimedPose, stamp: float) -> TimedPose:
     between_them = TimedPose(stamp, Pose.from_array(compose(last.pose, step)), last.covariance,
                              last.arrived + share * (first.arrived - last.arrived))
     x, y, theta = between(last.pose, first.pose)
-    far = TUNING.speed * span * min(share, 1.0 - share)     # from the nearer one
-    sigma = np.minimum(TUNING.uneven * np.abs([np.hypot(x, y), theta]), far)
+    time = span * min(share, 1.0 - share)     # from the nearer one
+    sigma = np.clip(TUNING.uneven * np.abs([np.hypot(x, y), theta]), TUNING.swerve * time,
+                    TUNING.speed * time)
     return _less_sure(between_them, *sigma)
 
 

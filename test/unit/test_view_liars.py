@@ -249,6 +249,15 @@ def test_a_pose_in_a_map_that_began_tells_nothing_of_the_time_before() -> None:
     assert after.pose == Pose(1.0, 3.0, 0.0)
 
 
+def test_a_robot_between_two_poses_that_are_the_same_may_have_turned_away_and_back() -> None:
+    heard = Heard()
+    for stamp in (10.0, 11.0):
+        heard.add_pose(TimedPose(stamp, Pose(), GOOD))
+    middle = heard.pose_at(10.5)
+    assert middle is not None
+    assert np.sqrt(middle.covariance[2, 2] - GOOD[2, 2]) == pytest.approx(0.5 * TUNING.swerve)
+
+
 @given(st.floats(0.1, TUNING.longest_gap), st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8),
        st.floats(0.0, 1.0))
 def test_a_pose_between_poses_allows_for_any_way_that_a_robot_can_turn(
