@@ -4,7 +4,7 @@
 Who is accepted, at which probability, and how well calibrated that probability is.
 
 usage: python -m benchmarks.fusion.calibration DATA [--replays DIR ...] [--share S]
-           [--kinds NAME ...] [--resume] [--write]
+           [--kinds NAME ...] [--jobs N] [--write]
        python -m benchmarks.fusion.calibration DATA [--replays DIR ...] --fresh N
        python -m benchmarks.fusion.calibration --refit [--write]
 
@@ -13,63 +13,36 @@ different places of every kind that cases.py makes of them, of maps that `somfus
 and of drawn maps; learns the weights of the verdict anew; judges each case by weights learned
 without its places; and prints, per kind and per threshold, how many are accepted. With --write
 the table of measures of all cases, the weights that the package uses, with what they reach, and
-the reliability diagram of doc/fusion.md are written anew, the table as it grows; --resume keeps
-the cases that it has, and --refit judges no more than those. With --fresh, N pairs of different
-places are made that nothing was learned from, some of kinds of which none was, and judged.
+the reliability diagram of doc/fusion.md are written anew; --refit judges no more cases than those
+of the table. With --fresh, N pairs of different places are made that nothing was learned from,
+some of kinds of which none was, and judged. What was judged is kept below build/ as long as code
+and data stay what they are: a command that was stopped goes on where it was.
 """
 
 import argparse
-import hashlib
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
 
-from benchmarks.data.folders import pair_sets, ROOT
-from benchmarks.data.real_maps import RealMaps
+from benchmarks.data.folders import ROOT
 from benchmarks.fusion import cases
+from benchmarks.fusion.judging import data_files, digest, judge
 from benchmarks.fusion.verdict_fit import (fit, left_out, log_odds, read_samples, Sample, TABLE,
                                            write_samples)
 from benchmarks.fusion.verdict_tables import (calibration_errors, calibration_table,
                                               draw_reliability, kinds_table, thresholds_table)
-import cv2
 import numpy as np
 from somfusion_ros.fusion import verdict as verdicts
-from somfusion_ros.fusion.alignment import ALIGNMENT, may_be_image, verify_image
-from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.fusion.learning import learn
-from somfusion_ros.fusion.search import search
-from somfusion_ros.fusion.stopwatch import Stopwatch
-from somfusion_ros.fusion.verification import verify
-from somfusion_ros.geometry import Array, inverse
+from somfusion_ros.geometry import Array
 
 WEIGHTS = ROOT / 'somfusion_ros' / 'fusion' / verdicts.WEIGHTS_FILE
 DIAGRAM = ROOT / 'doc' / 'verdict_reliability.png'
-REPORT_EVERY = 500
-IN_DOUBT = 0.05     # probability from which the mirror image is looked at
 FRESH_FROM = 10_000     # numbers of cases that are in no table
 FRESH = {'crossed': 35, 'corridors': 12, 'windows': 12, 'buildings': 7, 'offices': 7, 'hole': 6,
          'storeys': 5, 'real_storeys': 5, 'gap': 4, 'wings': 4, 'mesh_false': 3}     # in a hundred
-
-
-def look(kind: str, number: int, case: cases.Case, cache: FusionCache) -> Sample | None:
-    """Run the search and the verdict on a case; None where a map shows too little."""
-    config = FusionConfig()
-    maps = learn(case.target, config, cache), learn(case.source, config, cache)
-    if min(len(one.features) for one in maps) < ALIGNMENT.fewest_features or not all(
-            len(one.free) for one in maps):
-        return None
-    swapped = len(maps[0].cells) < len(maps[1].cells)
-    target, source = maps[::-1] if swapped else maps
-    found = verify(*search(target, source, config, Stopwatch()), target, source, config)
-    verdict, image = found.verdict, 0.0
-    if verdict.probability > IN_DOUBT and may_be_image(found):
-        other = verify_image(target, source, config)
-        image = verdicts.image_times(found.evidence, other.verdict, other.evidence)
-    pose = inverse(found.poses[verdict.best]) if swapped else found.poses[verdict.best]
-    return Sample(kind, number, case.places, case.truth is not None, case.is_right(pose), image,
-                  found.evidence, verdict.margins)
 
 
 def queue(share: float, wanted: list[str] | None) -> list[tuple[str, int]]:
@@ -89,33 +62,6 @@ def fresh_queue(total: int) -> list[tuple[str, int]]:
     turns = [((k + 0.5) / share, kind, FRESH_FROM + k) for kind, share in FRESH.items()
              for k in range(share * total // sum(FRESH.values()))]
     return [(kind, number) for _, kind, number in sorted(turns)]
-
-
-def collect(maps: RealMaps, wanted: list[tuple[str, int]], known: list[Sample],
-            table: Path | None) -> list[Sample]:
-    """Judge the cases that are not known, and write what is known so far to a table."""
-    samples, cache = list(known), FusionCache()
-    known_cases = {(sample.kind, sample.number) for sample in known}
-    wanted = [case for case in wanted if case not in known_cases]
-    for k, (kind, number) in enumerate(wanted):
-        case = cases.make(kind, maps, number)
-        sample = look(kind, number, case, cache) if case else None
-        if sample:
-            samples.append(sample)
-        if (k + 1) % REPORT_EVERY == 0 or k + 1 == len(wanted):
-            print(f'{k + 1} of {len(wanted)} cases', file=sys.stderr, flush=True)
-            if table:
-                write_samples(table, samples)
-    return samples
-
-
-def digest(data: Path) -> str:
-    """Return a digest of all pairs that were learned from."""
-    total = hashlib.sha256()
-    for folder in pair_sets(data):
-        for path in sorted(folder.iterdir()):
-            total.update(path.read_bytes())
-    return total.hexdigest()[:16]
 
 
 def commit() -> str:
@@ -177,25 +123,25 @@ def main() -> None:
     parser.add_argument('--share', type=float, default=1.0, help='share of all cases')
     parser.add_argument('--kinds', nargs='*', help='only these')
     parser.add_argument('--fresh', type=int, help='judge so many new pairs of different places')
-    parser.add_argument('--resume', action='store_true', help='keep the cases of the table')
+    parser.add_argument('--jobs', type=int, default=os.cpu_count(), help='processes')
     parser.add_argument('--refit', action='store_true', help='read the cases from the table')
     parser.add_argument('--write', action='store_true')
     args = parser.parse_args()
     if not args.refit and not args.data:
         parser.error('name the data, or --refit')
-    cv2.setNumThreads(1)
     if args.refit:
         old = json.loads(WEIGHTS.read_text(encoding='utf-8'))
         report(read_samples(TABLE), old['data'], old['command'], args.write)
         return
-    maps = RealMaps(args.data / 'pairs', args.replays)
+    wanted = fresh_queue(args.fresh) if args.fresh else queue(args.share, args.kinds)
+    samples = judge(args.data, args.replays, wanted, args.jobs)
     if args.fresh:
-        report_fresh(collect(maps, fresh_queue(args.fresh), [], None))
+        report_fresh(samples)
         return
-    samples = collect(maps, queue(args.share, args.kinds), read_samples(TABLE) if args.resume
-                      else [], TABLE if args.write else None)
+    if args.write:
+        write_samples(TABLE, samples)
     share = '' if args.share == 1.0 else f' SHARE={args.share}'
-    report(samples, digest(args.data), f'make calibrate{share}', args.write)
+    report(samples, digest(data_files(args.data)), f'make calibrate{share}', args.write)
 
 
 if __name__ == '__main__':
