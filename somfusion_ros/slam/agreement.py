@@ -45,7 +45,7 @@ def judge(T_map_scan: Array, cloud: Cloud, target: LocalMap) -> tuple[int, int]:
 
 
 def judge_back(T_map_scan: Array, cloud: Cloud, points: Array) -> tuple[int, int]:
-    """Count points (N, 2) of an old surface that a scan at a pose (3,) shows, and looks through."""
+    """Count points (N, 2) of a surface that a scan at a pose (3,) shows, and looks through."""
     hits = cloud.outline.hits
     if not len(hits):
         return 0, 0

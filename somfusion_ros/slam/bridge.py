@@ -27,7 +27,8 @@ class BridgeTuning:
     """When views that little holds are right, and when they are taken back."""
 
     reach: float = tuned(
-        5.0, 'm', 'from the map before, beyond which nothing is judged any more', 'not measured')
+        5.0, 'm', 'from the map before, beyond which nothing is judged any more',
+        'not measured')
     views: int = tuned(
         4, 'views', 'that are judged together', 'benchmarks/slam/carried.py')
     agreement: float = tuned(
