@@ -32,7 +32,8 @@ class BridgeTuning:
     views: int = tuned(
         4, 'views', 'that are judged together', 'benchmarks/slam/carried.py')
     agreement: float = tuned(
-        0.85, 'share of squares', 'that lasted, below which they do not hang there', 'benchmarks/slam/carried.py')
+        0.85, 'share of squares', 'that lasted, below which they do not hang there',
+        'benchmarks/slam/carried.py')
 
 
 TUNING = BridgeTuning()
