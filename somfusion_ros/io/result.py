@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import json
 import math
 from pathlib import Path
+from textwrap import shorten
 from typing import Any, TYPE_CHECKING
 import zipfile
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from somfusion_ros.team.offline import Fusion, PairResult
 
 RESULT, EVIDENCE = 'result.json', 'evidence.npz'
+SAID = 200     # characters, at most, of what a library says of a damaged file
 
 
 def fusion_record(fusion: 'Fusion') -> dict[str, Any]:
@@ -122,7 +124,7 @@ def read_evidence(folder: Path) -> Grid:
     except OSError as error:
         raise MapError(f'{path}: {error.strerror or "not readable"}') from error
     except Exception as error:   # numpy and zipfile raise many kinds on a damaged file
-        raise MapError(f'{path}: damaged ({" ".join(str(error).split())})') from error
+        raise MapError(f'{path}: damaged ({shorten(str(error), SAID)})') from error
 
 
 def _check_cells(path: Path) -> None:

@@ -173,8 +173,7 @@ class SingleMap:
         """Return whether no match tells any more that the robot is where it seems to be."""
         if self._blind == 0 or len(self.graph.clouds) < TUNING.known:
             return self.closer.doubts.take_back()
-        return self._blind >= TUNING.blind or is_due and (
-            self.tracker.lost or self._blind >= TUNING.blind_due)
+        return self._blind >= (TUNING.blind_due if is_due else TUNING.blind)
 
     def stand(self, pose: Array, P: Array, tracker: Tracker | None = None,
               stamp: float | None = None) -> None:
