@@ -75,7 +75,8 @@ def test_a_room_is_mapped_and_every_interface_serves(graph: Graph, tmp_path: Pat
     assert missing_walls(drawn, true) < 0.1    # nearly no wall that is not there
     assert missing_walls(true, drawn) < 0.35   # and few that are missing, as seen from one round
     graph.until(lambda: paths and len(paths[-1].poses) >= 10, 'path')
-    assert metadata[-1].width == robot.maps[-1].info.width
+    graph.until(lambda: metadata[-1].width == robot.maps[-1].info.width,   # they come one by one
+                'metadata of the last map')
     graph.until(lambda: values_of(diagnostics).get('views'), 'diagnostics')
     values = values_of(diagnostics)
     assert {'scans_per_s', 'ms_per_scan', 'age_of_odometry_s', 'pose_sigma_x_m', 'views',
