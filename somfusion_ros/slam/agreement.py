@@ -29,7 +29,7 @@ class AgreementTuning:
         0.15, 'm', 'edge of a square of an old surface that counts once', 'not measured')
     lasts: int = tuned(
         3, 'views', 'that have seen what does not move; fewer take people for walls',
-        'benchmarks/slam/carried.py, drives among people')
+        'test/unit/test_relocation.py')
     points: int = tuned(
         30, 'points', 'that are judged, at least', 'not measured')
     denied: float = tuned(
