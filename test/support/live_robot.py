@@ -86,6 +86,23 @@ class Robot:
         self.graph.until(lambda: self.last_stamp() >= self.stamps[last - 1] - 0.11,
                          f'pose at {self.stamps[last - 1]:.1f} s')
 
+    def settle(self) -> Grid:
+        """Send the last scan until it is heard, and return the map once nothing changes it."""
+        last = self.sent - 1
+
+        def heard() -> bool:
+            if self.last_stamp() >= self.stamps[last] - 0.01:
+                return True
+            self.publish_odometry(last)
+            self.publish(last)
+            return False
+        self.graph.until(heard, 'the last scan')
+        # A map is sent again only where no scan and no loop came since.
+        self.graph.until(lambda: len(self.maps) > 1 and self.maps[-1] == self.maps[-2]
+                         and self.maps[-1].header.stamp == self.poses[-1].header.stamp,
+                         'the last map')
+        return convert.grid_from_message(self.maps[-1], 10 ** 7)
+
     def last_stamp(self) -> float:
         """Stamp [s] of the newest pose heard."""
         return convert.seconds(self.poses[-1].header.stamp)

@@ -104,9 +104,9 @@ class Pipeline:
         """Write the map as it is now as `<stem>.yaml` and `<stem>.pgm`; return what was done."""
         if not len(self.session.slam.views()[0]):
             raise ValueError('there is no map to save yet: no scan could be used')
-        slam = self.session.slam
+        slam, stamp = self.session.slam, self._last.stamp
         grid = slam.grid()
-        self._publish_map(slam, grid)
+        self._publish_map(slam, grid, stamp)
         path = write_map(stem.parent, grid, stem.name)
         return f'map saved to {path}'
 
@@ -211,6 +211,8 @@ class Pipeline:
         """Close one loop, draw, or tell some views; return whether there is more."""
         slam = self.session.slam
         more = slam.work()
+        if more:
+            self._drawn = None      # views may have moved
         if time.monotonic() >= self._map_due:
             more = self._show(slam) or more
         if self._telling:
@@ -221,25 +223,25 @@ class Pipeline:
 
     def _show(self, slam: Slam) -> bool:
         """Draw some of the map, and publish it once it is whole; return whether it is not."""
+        stamp = self._last.stamp    # before the map is drawn: scans go on coming meanwhile
         newest = self._last.step or self._beginning.checkpoint
         if newest is not self._drawn:
             grid = slam.grid(DRAWN_AT_ONCE)
             if slam.counters['map_scans_undrawn']:
                 return True      # of a long map that is gone on with
-            self._publish_map(slam, grid)
+            self._publish_map(slam, grid, stamp)
             self._drawn = None if slam.counters['map_scans_behind'] else newest
         elif self.map is not None:
             self._publisher.repeat_map()
         self._map_due = time.monotonic() + self.map_interval
         return False
 
-    def _publish_map(self, slam: Slam, grid: Grid) -> None:
-        """Publish a map as it was drawn just now."""
-        stamp = self._last.stamp or Time()
+    def _publish_map(self, slam: Slam, grid: Grid, stamp: Time | None) -> None:
+        """Publish a map that holds all up to a stamp."""
         if slam.counters['map_scans_too_far']:
             self._count('maps_too_large', 'scans are not drawn, as the map would be too large')
         if not self._mapper.stopping:
-            self.map = self._publisher.map_message(grid, slam, stamp)
+            self.map = self._publisher.map_message(grid, slam, stamp or Time())
             self._publisher.grid(self.map, grid, slam)   # whoever hears of it may ask for it
             self._telling = True
 
