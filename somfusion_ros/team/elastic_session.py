@@ -73,11 +73,11 @@ class ElasticSession:
         self._last_heard: dict[str, bytes] = {}
         self._due = self._whole_due = 0.0
 
-    def take_views(self, robot: str, batch: bytes) -> None:
-        """Add what a robot told of its path; ValueError where it is unusable."""
+    def take_views(self, robot: str, batch: bytes) -> bool:
+        """Add what a robot told of its path, as a ViewStore does; ValueError if unusable."""
         if robot not in self._stores and len(self._stores) >= MOST_ROBOTS:
             raise ValueError(f'views of more than {MOST_ROBOTS} robots')
-        self._stores.setdefault(robot, ViewStore(self._matchers.reader)).take(batch)
+        return self._stores.setdefault(robot, ViewStore(self._matchers.reader)).take(batch)
 
     def take_bonds(self, author: str, data: bytes) -> None:
         """Replace the bonds that a peer tells; ValueError where they are unusable."""

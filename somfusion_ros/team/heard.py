@@ -40,8 +40,11 @@ class HearingTuning:
         'that are the same: it may turn away and back', 'simulated teams')
     stepped: float = tuned(
         5.0, 's', 'a stamp that is so much older than the last is of a clock that was set back, '
-        'one so far in the future of a clock that is ahead, and two clocks must not differ by '
-        'more in a sighting; a computer under load lags by seconds', 'by design')
+        'and two clocks must not differ by more in a sighting; a computer under load lags by '
+        'seconds', 'by design')
+    ahead: float = tuned(
+        1.0, 's', 'a stamp so far in the future is of a clock that is ahead, or drifted: longer '
+        'than it takes from a scan to a pose that was hardly delayed', 'by design')
     tardy: float = tuned(
         2.5, 's', 'a pose that comes later is counted; they come every second', 'by design')
     name_taken: float = tuned(
@@ -142,9 +145,15 @@ class Heard:
         return stamp - poses[-1].stamp - (now - poses[-1].arrived)
 
     def future(self, stamp: float, now: float) -> float:
-        """Return how far [s] in the robot's future a stamp [s] is; 0 where it may be past."""
-        ahead = self.after(stamp, now)
-        return ahead if ahead > TUNING.stepped else 0.0
+        """
+        Return how far [s] in the robot's future a stamp [s] is; 0 where it may be past.
+
+        By the own pose that came soonest, so that a load that comes and goes does not matter.
+        """
+        if not np.isfinite(self.after(stamp, now)):
+            return 0.0
+        ahead = stamp - now + min(item.arrived - item.stamp for item in list(self.poses))
+        return ahead if ahead > TUNING.ahead else 0.0
 
     def pose_at(self, stamp: float) -> TimedPose | None:
         """

@@ -110,7 +110,7 @@ class Inbox:
         if late > HEARING.tardy:
             self._count(f'pose_of_{robot}_late', f'by {late:.1f} s: a slow network, or its clock')
         if ahead:
-            self._count(f'clock_of_{robot}_ahead', f'by {ahead:.0f} s: no sightings with it')
+            self._count(f'clock_of_{robot}_ahead', f'by {ahead:.1f} s: it was set, or drifts')
 
     def keep_transform(self, owner: str, peer: str, message: Any,
                        read: Callable[[Any], tuple[Pose, Array]]) -> None:

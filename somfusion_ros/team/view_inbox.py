@@ -78,10 +78,11 @@ class ViewInbox:
         heard = self._heard.get(robot)
         return heard is None or self._clock() >= heard.taken_until
 
-    def _try(self, robot: str, channel: str, take: Callable[[str, bytes], None], data: bytes
+    def _try(self, robot: str, channel: str, take: Callable[[str, bytes], bool | None], data: bytes
              ) -> None:
         """Hand one message on."""
         try:
-            take(robot, data)
+            if take(robot, data):
+                self._count(f'slam_of_{robot}_restarted', 'it goes on with the map that it had')
         except ValueError as error:
             self._count(f'{channel}_of_{robot}_unusable', str(error))

@@ -62,6 +62,12 @@ def _parts(facts: Sequence[Fact]) -> Iterator[Sequence[Fact]]:
 def decode_batch(data: bytes, reader: FactReader = FactReader()
                  ) -> tuple[Epoch, str, list[Fact]]:
     """Unpack epoch, telling and facts; ValueError where a batch is damaged."""
+    epoch, telling, at = heading(data)
+    return epoch, telling, reader.facts(data[at:])
+
+
+def heading(data: bytes) -> tuple[Epoch, str, int]:
+    """Return epoch and telling of a batch, and where its facts begin; ValueError if damaged."""
     if not HEAD.size <= len(data) <= LARGEST_BATCH:
         raise ValueError(f'a batch of views has {len(data)} bytes')
     version, first, second = HEAD.unpack_from(data)
@@ -73,7 +79,7 @@ def decode_batch(data: bytes, reader: FactReader = FactReader()
         telling = data[HEAD.size + first:at].decode('ascii')
     except UnicodeDecodeError as error:
         raise ValueError('a batch of views names no epoch') from error
-    return epoch, telling, reader.facts(data[at:])
+    return epoch, telling, at
 
 
 class ViewStore:
@@ -99,9 +105,14 @@ class ViewStore:
         self._views: ViewSet | None = None
         self.bytes, self.batches, self._kept, self._beams = 0, [], 0, 0
 
-    def take(self, data: bytes) -> None:
-        """Add a batch; ValueError, once its good facts are in, where one of them is unusable."""
+    def take(self, data: bytes) -> bool:
+        """
+        Add a batch; ValueError, once its good facts are in, where one of them is unusable.
+
+        Return whether it is the first of a program that goes on with the map of another one.
+        """
         epoch, telling, facts = decode_batch(data, self._reader)
+        restarted = epoch == self.epoch and telling != self._telling
         if (epoch, telling) != (self.epoch, self._telling):
             self._clear()
             self.epoch, self._telling = epoch, telling
@@ -121,6 +132,7 @@ class ViewStore:
                 self._kept += len(data)
         if wrong:
             raise ValueError(wrong)
+        return restarted
 
     @property
     def _count(self) -> int:

@@ -278,11 +278,13 @@ def test_a_clock_that_is_ahead_is_known_by_stamps_of_the_future() -> None:
     heard = Heard()
     assert heard.future(1e6, 0.0) == 0.0       # it does not know its own time yet
     heard.add_pose(TimedPose(50.0, Pose(), GOOD, 7.0))
-    assert heard.future(50.0 + 2.0 * TUNING.stepped, 7.2) == pytest.approx(
-        2.0 * TUNING.stepped - 0.2)
-    assert heard.future(50.0 + 0.9 * TUNING.stepped, 7.2) == 0.0
+    assert heard.future(50.0 + 2.0 * TUNING.ahead, 7.2) == pytest.approx(2.0 * TUNING.ahead - 0.2)
+    assert heard.future(50.0 + 0.9 * TUNING.ahead, 7.2) == 0.0
     assert heard.future(0.0, 7.2) == 0.0
     assert heard.future(90.0, 9.0) == 0.0      # its own SLAM is silent
+    heard.add_pose(TimedPose(51.0, Pose(), GOOD, 12.0))     # one that a load delayed by 4 s
+    assert heard.future(55.5, 12.1) == 0.0
+    assert heard.future(57.1, 12.1) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(('step', 'late', 'used'), [

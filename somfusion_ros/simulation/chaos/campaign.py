@@ -21,7 +21,6 @@ from somfusion_ros.simulation.chaos.robot import Robot
 from somfusion_ros.simulation.chaos.station import Station, world_of
 from somfusion_ros.simulation.chaos.striking import Striking, worsened
 from somfusion_ros.simulation.chaos.tapes import Tape
-from somfusion_ros.team.channels import POSE
 from somfusion_ros.team.config import TeamConfig
 
 TICK = 0.5           # [s] of simulated time between two steps
@@ -132,10 +131,9 @@ class Team:
                 if station is not None:
                     station.hear(one)
                     if one.sender not in self.liars:
-                        if one.channel == POSE:
-                            self._invariants.timed(station, one, now)
+                        self._invariants.reports.heard(station, one, now)
                     else:
-                        self._invariants.lied(station, self.liars[one.sender].kind, one)
+                        self._invariants.reports.lied(station, self.liars[one.sender].kind, one)
             for liar in self.liars.values():
                 liar.work(now)
             for robot in self.robots.values():

@@ -9,14 +9,12 @@ import numpy as np
 from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import between, Pose, wrap
 from somfusion_ros.grid import Grid
-from somfusion_ros.simulation.chaos.network import Delivery
 from somfusion_ros.simulation.chaos.records import Outcome
+from somfusion_ros.simulation.chaos.reports import Reports
 from somfusion_ros.simulation.chaos.robot import Robot
 from somfusion_ros.simulation.chaos.station import Station, world_of
 from somfusion_ros.simulation.chaos.tapes import Tape
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.channels import MAP, POSE, STATE, VIEWS
-from somfusion_ros.team.heard import TUNING as CLOCKS
 
 EQUAL = 0.999        # share of the known cells in which all global maps must agree,
 SPOILT = 0.99        # and where a map in them is a liar's, or lies where another's start pose has
@@ -28,12 +26,7 @@ BENT = 1.0           # [m] within which views must leave it,
 PATIENCE = 15.0      # [s] after which they must: what is shown moves in steps
 TOLD = 60.0          # [s] after which two ends that looked alike must not be taken for one, also
 #                      where a node began anew meanwhile, and four refusals have yet to come
-FAR = 1e5            # [m] from where on a pose is absurd
 HALF = 0.5           # of evidence; cells that differ by less say the same
-# What a station must count once it heard a lie of a kind on a channel.
-SHOWN = {('garbage', STATE): 'state_of_{}_unusable', ('walls', MAP): 'map_of_{}_unusable',
-         ('views', VIEWS): 'views_of_{}_unusable',
-         ('poses', POSE): 'pose_of_{}_unusable'}
 # Matches, solutions and drawings of a station in one step, and how large the largest may be.
 MOST_AT_ONCE = {'work': 8, 'constraints solved': 5 * 256, 'cells matched': 10 ** 6,
                 'scans drawn': 5000}
@@ -50,6 +43,7 @@ class Invariants:
         self._verdicts: dict[tuple[Station, str], Alignment] = {}
         self._epochs: dict[tuple[Station, str], Epoch] = {}
         self._wrong_since: dict[tuple[Station, str, str], float] = {}
+        self.reports = Reports()
 
     def accepted(self, robot: Robot, now: float) -> None:
         """Check that what two honest robots accept now is true, also as the views bend it."""
@@ -150,26 +144,12 @@ class Invariants:
                 self._broken(f'{robot.name} had {size} {what} at once')
         sizes.clear()
 
-    def lied(self, station: Station, kind: str, one: Delivery) -> None:
-        """Note what a station must count, now that a liar told it something."""
-        shown = SHOWN.get((kind, one.channel))
-        if shown and (kind != 'poses' or one.message.payload[0].pose.x > FAR):
-            station.expected.add(shown.format(one.sender))
-
-    def timed(self, station: Station, one: Delivery, now: float) -> None:
-        """Note that a station must count a clock that is ahead of its own, as a pose shows it."""
-        ahead = one.message.payload[0].stamp - 1e-9 * station.clock.stamp(now)
-        if ahead > 2.0 * CLOCKS.stepped:
-            station.expected.add(f'clock_of_{one.sender}_ahead')
-
     def said(self) -> None:
         """Check that every station counted what it was to count."""
         for robot in self._robots.values():
             if robot.station is not None:
-                missing = {name for name in robot.station.expected
-                           if not robot.station.counts[name]}
-                if missing:
-                    self._broken(f'{robot.name} did not count {sorted(missing)}')
+                for name in self.reports.missing(robot.station):
+                    self._broken(f'{robot.name} did not count {name}')
 
     def _broken(self, text: str) -> None:
         """Write down what is broken."""

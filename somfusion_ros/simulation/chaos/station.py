@@ -51,7 +51,6 @@ class Station:
         self.counts: Counter[str] = Counter()
         self.drawn: Grid | None = None
         self.present: set[str] = set()
-        self.expected: set[str] = set()    # counts that must not be zero in the end
         self._network, self._matching, self._now = network, matching, 0.0
         self.session = FusionSession(name, config, FusionConfig(), self.words.append,
                                      self._steady, matching)
