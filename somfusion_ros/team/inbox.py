@@ -20,6 +20,7 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.heard import TUNING as HEARING
 from somfusion_ros.team.hearsay import oddities
+from somfusion_ros.team.mailbox import Mailbox, Waiting
 from somfusion_ros.team.map_codec import epoch_of, MapDecoder, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
@@ -38,14 +39,6 @@ class TimedClusters(NamedTuple):
     stamp: int
 
 
-class Waiting(NamedTuple):
-    """A message that nobody has read yet, and what reads it or raises ValueError."""
-
-    message: Any
-    read: Callable[[Any], Any]
-    rank: int = 0
-
-
 class NotYet(Exception):
     """A message speaks of a map that is not known to be the robot's present one."""
 
@@ -59,7 +52,7 @@ class Inbox:
         self.plain = PlainEpochs()
         self.name, self._session, self._max_cells = name, session, max_cells
         self._count, self._clock = count, clock
-        self._waiting: dict[tuple[str, str], Waiting] = {}
+        self._mail = Mailbox()
         self._decoders: dict[str, MapDecoder] = {}
         self._lent: set[str] = set()     # robots whose map others have told
         self._since: dict[str, int] = {}
@@ -75,9 +68,7 @@ class Inbox:
         PlainMap, or the pose and covariance of a plain robot's transform.
         """
         self.heard[robot].hear(channel, size, self._clock())
-        waiting = self._waiting.get((robot, channel))
-        if waiting is None or rank >= waiting.rank:
-            self._waiting[robot, channel] = Waiting(message, read, rank)
+        self._mail.keep(robot, channel, Waiting(message, read, rank))
 
     def keep_path(self, places: list[tuple[float, float]]) -> None:
         """Keep where the robot itself has been [m], in its own map."""
@@ -94,7 +85,8 @@ class Inbox:
         except ValueError as error:
             self._count(f'pose_of_{robot}_unusable', str(error))
             return
-        self._compare_clocks(robot, item.stamp)
+        if robot != self.name:
+            self._compare_clocks(robot, item.stamp)
         if epoch is None or epoch == self._session.epoch_of(robot):
             heard.add_pose(item._replace(arrived=self._clock()))
             if robot != self.name:
@@ -102,8 +94,6 @@ class Inbox:
 
     def _compare_clocks(self, robot: str, stamp: float) -> None:
         """Count a peer's clock that is ahead of the robot's own, and a pose that comes late."""
-        if robot == self.name:
-            return
         own, now = self.heard[self.name], self._clock()
         late, ahead = -own.after(stamp, now), own.future(stamp, now)
         self.heard[robot].late = late
@@ -115,41 +105,37 @@ class Inbox:
     def keep_transform(self, owner: str, peer: str, message: Any,
                        read: Callable[[Any], tuple[Pose, Array]]) -> None:
         """Keep what a robot without a state accepted, one transform per other robot."""
-        waiting = sum(channel.startswith(TRANSFORMS) for _, channel in list(self._waiting))
-        if peer not in ('', owner) and waiting < MOST_TRANSFORMS:
+        if peer not in ('', owner) and self._mail.count(TRANSFORMS) < MOST_TRANSFORMS:
             self.keep(owner, f'{TRANSFORMS}/{peer}', message, 0, read)
 
     def forget(self, robot: str) -> None:
         """Forget a robot that is gone, and all that waits of it."""
-        for key in [key for key in list(self._waiting) if key[0] == robot]:
-            self._waiting.pop(key, None)
+        self._mail.forget(robot)
         for record in (self.heard, self._decoders, self._since):
             record.pop(robot, None)
         self._lent.discard(robot)
         self.plain.forget(robot)
+        self._session.presence.forget(robot)
 
     def drain(self) -> MapCells | None:
         """Hand all that came to the session; return the robot's own map where it changed."""
         own: MapCells | None = None
-        later: dict[tuple[str, str], Waiting] = {}
         for robot, epoch, keep_map in self.plain.changed(self._clock()):
             self._begin(robot, epoch, keep_map)
         self._give_back()
-        for robot, channel in sorted(self._waiting, key=lambda key: (key[1] != STATE, key)):
+        for robot, channel in self._mail.addresses():
             if channel != STATE and self._clock() < self.heard[robot].taken_until:
                 continue   # it waits until one robot only uses the name
-            waiting = self._waiting.pop((robot, channel))
-            try:
-                cells = self._take(robot, channel, waiting.read(waiting.message))
-            except NotYet:
-                later[robot, channel] = waiting._replace(rank=0)
-            except ValueError as error:
-                kind = channel.partition('/')[0] if channel.startswith(TRANSFORMS) else channel
-                self._count(f'{FAULTS.get(kind, kind)}_of_{robot}_unusable', str(error))
-            else:
-                own = cells if robot == self.name and cells is not None else own
-        for key, waiting in later.items():
-            self._waiting.setdefault(key, waiting)
+            for waiting in self._mail.take(robot, channel):
+                try:
+                    cells = self._take(robot, channel, waiting.read(waiting.message))
+                except NotYet:
+                    self._mail.keep_early(robot, channel, waiting)
+                except ValueError as error:
+                    kind = channel.partition('/')[0] if channel.startswith(TRANSFORMS) else channel
+                    self._count(f'{FAULTS.get(kind, kind)}_of_{robot}_unusable', str(error))
+                else:
+                    own = cells if robot == self.name and cells is not None else own
         return own
 
     def _take(self, robot: str, channel: str, content: Any) -> MapCells | None:
@@ -223,7 +209,7 @@ class Inbox:
         if state.epoch is not None:
             self._begin(robot, state.epoch)
         self._since[robot] = state.since
-        self._session.take_state(robot, state.constraints, state.departed)
+        self._session.take_state(robot, state.constraints, state.departed, state.whereabouts)
 
     def _take_clusters(self, robot: str, content: TimedClusters) -> None:
         """Accept the clusters of a peer's present map."""

@@ -50,7 +50,8 @@ class Outbox:
         """
         Return the state to send; None where it was said already, and not long ago.
 
-        since [ns] is the stamp from which on the robot's clusters are of its present map.
+        since [ns] is the stamp from which on the robot's clusters are of its present map. Where
+        robots were is told with the rest, and is no reason to tell it.
         """
         state = TeamState(self.session, snapshot.constraints, snapshot.departed, snapshot.epoch,
                           since, self._number)
@@ -59,9 +60,9 @@ class Outbox:
         if text == said and now - at < TUNING.heartbeat:
             return None
         self._number += 1
-        text = encode_state(state._replace(number=self._number))
-        self._said = text, now
-        return text
+        self._said = encode_state(state._replace(number=self._number)), now
+        return encode_state(state._replace(number=self._number,
+                                           whereabouts=snapshot.whereabouts))
 
     def moved(self, here: TimedPose) -> bool:
         """Note the robot's pose; return whether it moved since it was told last."""

@@ -8,21 +8,25 @@ Bodies do: whoever drives about in the one end is not where the other one drives
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.view_set import ViewSet
+from somfusion_ros.team.whereabouts import MOST_PLACES, MOST_ROBOTS, Places, Whereabouts
 
 MEETINGS = 100    # of each peer that are kept, the newest
 NOWHERE = Outline()
+NO_EPOCHS: Mapping[str, Epoch] = {}
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,8 @@ class Presence:
 
     def __init__(self) -> None:
         self._met: dict[str, deque[Meeting]] = {}
+        self._places: dict[str, deque[Places]] = {}    # of meetings, a few that are far apart
+        self._told: dict[str, Whereabouts] = {}     # by peers
         self._changes = 0     # of all that was noted
         self._answers: dict[str, tuple[Any, int]] = {}    # to what was asked last of a peer
         self._looked: dict[str, int] = {}     # views of each robot that were looked at
@@ -97,12 +103,38 @@ class Presence:
                 *np.subtract(meeting.peer, met[-1].peer)[:2]) >= TUNING.apart:
             met.append(meeting)
             self._changes += 1
+            here, kept = (meeting.own[:2], meeting.peer[:2]), self._places.setdefault(
+                peer, deque(maxlen=MOST_PLACES))
+            if all(_apart(here, other) for other in kept):
+                kept.append(here)
+
+    def believe(self, peer: str, own: str, told: Sequence[Whereabouts]) -> None:
+        """Note where a peer says that the own robot was, unless it said more before."""
+        for one in told:
+            before = self._told.get(peer)
+            if one.robot == own and (before is None or before.epochs != one.epochs
+                                     or len(one.places) >= len(before.places)):
+                self._told[peer] = one
+                self._changes += one != before
+
+    def whereabouts(self, own: str, epochs: Mapping[str, Epoch]) -> tuple[Whereabouts, ...]:
+        """Return where the own robot was when its peers were where, for them to know."""
+        known = sorted({*self._places, *self._told} & epochs.keys()) if own in epochs else []
+        return tuple(Whereabouts(peer, (epochs[own], epochs[peer]), (
+            *list(self._places.get(peer, ()))[::-1], *self._told_now(peer, own, epochs)
+        )[:MOST_PLACES]) for peer in known[:MOST_ROBOTS])
+
+    def _told_now(self, peer: str, own: str, epochs: Mapping[str, Epoch]) -> list[Places]:
+        """Return what a peer told of the present maps: where the own robot was, and the peer."""
+        told, now = self._told.get(peer), (epochs.get(peer), epochs.get(own))
+        return [pair[::-1] for pair in told.places] if told and told.epochs == now else []
 
     def forget(self, robot: str | None = None) -> None:
-        """Forget what was noted of a robot, None: of all, whose map is another one."""
+        """Forget what was noted of a robot that is gone, or of all, None, in another map."""
         self._changes += 1
-        for peer in list(self._met) if robot is None else [robot]:
-            self._met.pop(peer, None)
+        for peer in [*self._met, *self._told] if robot is None else [robot]:
+            for record in (self._met, self._places, self._told, self._answers):
+                record.pop(peer, None)
         self._looked = {} if robot is None else {
             name: count for name, count in self._looked.items() if name != robot}
 
@@ -126,29 +158,21 @@ class Presence:
         self.meet(peer, Meeting(here, there.pose, seen) if by_own else
                   Meeting(there.pose, here, by_peer=seen))
 
-    def contradicted(self, peer: str, T_own_peer: Pose) -> int:
-        """Return at how many places, if at enough, a transform has bodies where none can be."""
+    def contradicted(self, peer: str, T_own_peer: Pose, own: str = '',
+                     epochs: Mapping[str, Epoch] = NO_EPOCHS) -> int:
+        """
+        Return at how many places, if at enough, a transform has bodies where none can be.
+
+        own: name of the own robot, without which nothing counts that peers told.
+        """
         asked = self._changes, T_own_peer      # what is noted from here on is looked at next time
         if self._answers.get(peer, ((), 0))[0] != asked:
-            self._answers[peer] = asked, self._count_contradictions(peer, T_own_peer)
+            told = [Meeting(Pose(*here), Pose(*there))
+                    for here, there in self._told_now(peer, own, epochs)]
+            self._answers[peer] = asked, _count_contradictions(
+                told + list(self._met.get(peer, ())),   # in one step: another thread adds to them
+                T_own_peer)
         return self._answers[peer][1]
-
-    def _count_contradictions(self, peer: str, T_own_peer: Pose) -> int:
-        """Count the places, if they are enough, at which a transform has bodies where none are."""
-        met = list(self._met.get(peer, ()))     # in one step: another thread adds to them
-        if not met:
-            return 0
-        own = np.array([meeting.own for meeting in met])
-        there = compose(T_own_peer, np.array([meeting.peer for meeting in met]))
-        body, back = between(own, there)[:, :2], between(there, own)[:, :2]
-        one_place = np.hypot(*body.T) < TUNING.narrow
-        wrong = one_place | [
-            _looks_through(meeting.seen, body[k]) or _looks_through(meeting.by_peer, back[k])
-            for k, meeting in enumerate(met)]
-        enough = (1 if one_place.all() and len(met) > 1 else
-                  TUNING.few if 2 * np.count_nonzero(wrong) > len(met) else TUNING.proof)
-        places = _distinct(np.stack([own[wrong, :2], there[wrong, :2]], axis=1))
-        return places if places >= enough else 0
 
     def why_not(self, peer: str, found: Alignment, team: Team) -> str:
         """Return why an alignment with a peer cannot be, whatever the maps say; '' if it can."""
@@ -158,7 +182,8 @@ class Presence:
         if found.accepted and team.seen_elsewhere(peer, found):
             return 'sightings have it elsewhere'
         own_first = team.name < peer
-        places = self.contradicted(peer, T if own_first else Pose.from_array(inverse(T)))
+        places = self.contradicted(peer, T if own_first else Pose.from_array(inverse(T)),
+                                   team.name, team.epochs)
         return '' if not places else (
             f'at {places} places both robots would be in one place, or one would have seen the '
             'other where nobody was')
@@ -170,13 +195,35 @@ def impossible(verdict: Alignment, why: str) -> Alignment:
                    probability=min(verdict.probability, TUNING.probability))
 
 
-def _distinct(places: Array) -> int:
-    """Count pairs of places (N, 2, 2) of which one at least is far from that of all others."""
-    kept: list[Array] = []
+def _count_contradictions(met: Sequence[Meeting], T_own_peer: Pose) -> int:
+    """Count the places, if they are enough, at which a transform has bodies where none are."""
+    if not met:
+        return 0
+    own = np.array([meeting.own for meeting in met])
+    there = compose(T_own_peer, np.array([meeting.peer for meeting in met]))
+    body, back = between(own, there)[:, :2], between(there, own)[:, :2]
+    one_place = np.hypot(*body.T) < TUNING.narrow
+    wrong = one_place | [
+        _looks_through(meeting.seen, body[k]) or _looks_through(meeting.by_peer, back[k])
+        for k, meeting in enumerate(met)]
+    enough = (1 if one_place.all() and len(met) > 1 else
+              TUNING.few if 2 * np.count_nonzero(wrong) > len(met) else TUNING.proof)
+    places = _distinct(np.stack([own[wrong, :2], there[wrong, :2]], axis=1).tolist())
+    return places if places >= enough else 0
+
+
+def _distinct(places: Sequence[Places]) -> int:
+    """Count pairs of places of which one at least is far from that of all others."""
+    kept: list[Places] = []
     for pair in places:
-        if all(np.hypot(*(pair - other).T).max() >= TUNING.distinct for other in kept):
+        if all(_apart(pair, other) for other in kept):
             kept.append(pair)
     return len(kept)
+
+
+def _apart(pair: Places, other: Places) -> bool:
+    """Return whether one place of a pair at least is far from that of another pair."""
+    return max(math.dist(*both) for both in zip(pair, other)) >= TUNING.distinct
 
 
 def _looks_through(seen: Outline, body: Array) -> bool:

@@ -34,6 +34,7 @@ from somfusion_ros.team.presence import impossible, Presence
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.snapshot import Snapshot
+from somfusion_ros.team.whereabouts import Whereabouts
 from somfusion_ros.team.words import begun, sentence
 from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
 
@@ -100,10 +101,6 @@ class FusionSession:
         """The robot's own newest map."""
         return own.grid if (own := self._team.maps.get(self._name)) else None
 
-    def learned_own(self) -> LearnedMap:
-        """Return what was learned of the robot's own newest map, which it has."""
-        return self.learned_of(self._name)
-
     def placed_peers(self) -> list[tuple[LearnedMap, Pose]]:
         """Return what was learned of the maps of accepted peers, each with T_own_peer."""
         return [(self.learned_of(peer), pose)
@@ -147,8 +144,10 @@ class FusionSession:
         self._scouting.update(peer, clusters)
 
     def take_state(self, owner: str, constraints: Iterable[MapConstraint],
-                   departed: tuple[DepartedRobot, ...]) -> None:
-        """Replace all that a peer accepts, and what it knows of robots that are gone."""
+                   departed: tuple[DepartedRobot, ...],
+                   whereabouts: tuple[Whereabouts, ...] = ()) -> None:
+        """Replace all that a peer accepts, and what it knows of robots; note where they were."""
+        self.presence.believe(owner, self._name, whereabouts)
         self._team.hear(owner, constraints)
         self._departed.hear(owner, departed)
 
@@ -217,7 +216,8 @@ class FusionSession:
             self._departed.maps(), dict(self._departed.sources), self._jumps.count, anchor,
             self._world.changes,
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
-            self._team.epochs.get(self._name), dict(self._team.begun), placed)
+            self._team.epochs.get(self._name), dict(self._team.begun), placed,
+            self.presence.whereabouts(self._name, self._team.epochs))
         return self.snapshot
 
     def _bent(self, world: dict[str, Pose], anchor: str) -> dict[str, Pose]:

@@ -12,6 +12,7 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.whereabouts import Whereabouts
 from somfusion_ros.team.world import anchored, anchored_covariances
 
 
@@ -30,7 +31,8 @@ class Snapshot:
     it is connected; world_changes: how often `world` changed for this robot; doubted: peers whose
     accepted pose was refused on the maps of now; epoch: which map the robot itself has, None
     before the first; begun: how often every robot began another map; placed: T_world_map by robot
-    of the connected team, as the views place it where they came.
+    of the connected team, as the views place it where they came; whereabouts: where the robot was
+    when others were where.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
@@ -50,6 +52,7 @@ class Snapshot:
     epoch: Epoch | None = None
     begun: Mapping[str, int] = field(default_factory=dict)
     placed: Mapping[str, Pose] = field(default_factory=dict)
+    whereabouts: tuple[Whereabouts, ...] = ()
 
     def lookouts(self, robot: str) -> list[Pose]:
         """Return poses in a robot's own map from where a look would settle ambiguous verdicts."""

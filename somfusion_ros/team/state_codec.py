@@ -18,6 +18,7 @@ from somfusion_ros.team.constraint import MapConstraint, sane_covariance
 from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.shared_map import TUNING
+from somfusion_ros.team.whereabouts import read_whereabouts, record_of, Whereabouts
 
 VERSION = 2
 MAX_STATE = 1 << 18      # bytes of a state; a constraint takes a quarter of a kilobyte
@@ -35,7 +36,7 @@ class TeamState(NamedTuple):
 
     session changes whenever the node is started, number grows with every state of a session.
     epoch: which map the robot has now, None where it has none; since: stamp [ns] from which on its
-    clusters are of that map.
+    clusters are of that map. whereabouts: where it was when others were where.
     """
 
     session: str
@@ -44,6 +45,7 @@ class TeamState(NamedTuple):
     epoch: Epoch | None = None
     since: int = 0
     number: int = 0
+    whereabouts: tuple[Whereabouts, ...] = ()
 
 
 def encode_state(state: TeamState) -> str:
@@ -54,7 +56,8 @@ def encode_state(state: TeamState) -> str:
         'constraints': [_record(constraint) for constraint in state.constraints],
         'departed': [{'robot': gone.robot, 'epoch': str(gone.epoch), 'known': gone.known,
                       'constraints': [_record(constraint) for constraint in gone.constraints]}
-                     for gone in state.departed]})
+                     for gone in state.departed],
+        'whereabouts': [record_of(told) for told in state.whereabouts]})
 
 
 def decode_state(text: str) -> TeamState:
@@ -72,17 +75,18 @@ def decode_state(text: str) -> TeamState:
 
 def _state(record: dict[str, Any]) -> TeamState:
     """Read a state that has been parsed."""
-    epoch = None if record['epoch'] is None else _epoch(record['epoch'])
+    epoch = None if record['epoch'] is None else Epoch.read(record['epoch'])
     constraints, gone = _constraints(record['constraints']), record['departed']
     if not isinstance(gone, list) or len(gone) > MAX_DEPARTED:
         raise ValueError(f'state of more than {MAX_DEPARTED} robots that are gone')
     departed = tuple(DepartedRobot(robot_name(one['robot']), _count(one['known']),
-                                   _constraints(one['constraints']), _epoch(one['epoch']))
+                                   _constraints(one['constraints']), Epoch.read(one['epoch']))
                      for one in gone)
     if len(constraints) + sum(len(one.constraints) for one in departed) > 2 * MAX_CONSTRAINTS:
         raise ValueError(f'state of more than {2 * MAX_CONSTRAINTS} constraints in all')
     return TeamState(_session(record['session']), constraints, departed, epoch,
-                     _count(record['since']), _count(record['number']))
+                     _count(record['since']), _count(record['number']),
+                     read_whereabouts(record.get('whereabouts', [])))
 
 
 def _record(constraint: MapConstraint) -> dict[str, Any]:
@@ -111,7 +115,7 @@ def _constraint(item: dict[str, Any]) -> MapConstraint:
     target, source = robot_name(item['target']), robot_name(item['source'])
     if target == source:
         raise ValueError(f'constraint from {target} to itself')
-    first, second = (_epoch(text) for text in item['epochs'])
+    first, second = (Epoch.read(text) for text in item['epochs'])
     return MapConstraint(target, source, pose, _covariance(item['covariance']),
                          float(probability), kind, (first, second))
 
@@ -136,11 +140,6 @@ def _count(value: Any) -> int:
     if type(value) is not int or not 0 <= value < LATEST:
         raise ValueError('a number is none that counts something')
     return value
-
-
-def _epoch(text: Any) -> Epoch:
-    """Read an epoch; that of a map with no other beside it is one, too."""
-    return Epoch() if text == str(Epoch()) else Epoch.parse(text)
 
 
 def _session(value: Any) -> str:

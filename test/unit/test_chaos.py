@@ -197,6 +197,16 @@ def test_two_ends_that_look_alike_are_told_apart_by_who_drives_there() -> None:
         assert not any(c.kind == 'match' for c in robot.station.session.snapshot.constraints)
 
 
+def test_a_node_that_begins_anew_is_told_that_two_ends_are_two() -> None:
+    """It has not heard where the robots were: the pair stood for 24 s, until maps told it."""
+    ends = [tape for tape in tapes() if tape.place == 'corridor']
+    team = Team(1, [Fault(19.4, 'robot off', 'robot1', 45.0, 0.5)], [*ends, tapes()[0]],
+                matching())
+    outcome = team.run()
+    assert not outcome.broken, said(outcome)
+    assert outcome.stood == 0.0
+
+
 def test_a_robot_that_was_carried_off_is_lost_and_found() -> None:
     carried = tapes()[-1]
     assert carried.lost_for > 2.0

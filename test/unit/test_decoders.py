@@ -17,6 +17,7 @@ from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.map_codec import epoch_of, HEADER, MapDecoder, MapEncoder
 from somfusion_ros.team.shared_map import DRIVEN, MapCells
 from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState
+from somfusion_ros.team.whereabouts import Whereabouts
 
 few = settings(max_examples=40, deadline=None)
 MOST_CELLS = 10 ** 4
@@ -42,13 +43,18 @@ def constraints(draw: Any) -> MapConstraint:
                          (draw(EPOCHS), draw(EPOCHS)))
 
 
+METRES = st.integers(-1000, 1000).map(lambda number: number / 100)
+PLACES = st.tuples(st.tuples(METRES, METRES), st.tuples(METRES, METRES))
+WHEREABOUTS = st.builds(Whereabouts, NAMES, st.tuples(EPOCHS, EPOCHS),
+                        st.lists(PLACES, max_size=3).map(tuple))
 STATES = st.builds(
     TeamState, st.from_regex('[0-9a-z]{1,32}', fullmatch=True),
     st.lists(constraints(), max_size=4).map(tuple),
     st.lists(st.builds(DepartedRobot, NAMES, st.integers(0, 10 ** 9),
                        st.lists(constraints(), max_size=2).map(tuple), EPOCHS),
              max_size=2).map(tuple),
-    st.none() | EPOCHS, st.integers(0, 2 ** 61), st.integers(0, 2 ** 61))
+    st.none() | EPOCHS, st.integers(0, 2 ** 61), st.integers(0, 2 ** 61),
+    st.lists(WHEREABOUTS, max_size=2).map(tuple))
 
 
 @st.composite
@@ -116,7 +122,7 @@ def test_any_document_is_refused(document: Any) -> None:
 
 @few
 @given(STATES, st.sampled_from(('version', 'session', 'number', 'epoch', 'since', 'constraints',
-                                'departed')), JSON)
+                                'departed', 'whereabouts')), JSON)
 def test_any_value_in_any_place_is_read_or_refused(state: TeamState, key: str,
                                                    value: Any) -> None:
     record = json.loads(encode_state(state))

@@ -61,15 +61,20 @@ class Listener:
         assert np.array_equal(shown.to_occupancy(), cells.values)
 
 
-@given(st.permutations(['state', 'map', 'clusters', 'pose']))
+@given(st.permutations(['state', 'map', 'late map', 'clusters', 'pose']))
 def test_what_is_of_another_map_waits_or_changes_nothing(order: list[str]) -> None:
-    """Whatever overtakes what on the network, and though late words of the old map come after."""
+    """
+    Whatever overtakes what on the network, and though late words of the old map come after.
+
+    An old map came late, and the new one, which waited for its word, was lost: so chaos found it.
+    """
     listener, new = Listener(), Epoch('3d')
     looked: list[int] = []
     listener.session.take_clusters = lambda robot, clusters: looked.append(clusters)
     listener.hear(MAP, key_message(version(1), EPOCH, 1))
     messages = {'state': (STATE, TeamState('ab12', epoch=new, since=7, number=2)),
                 'map': (MAP, key_message(version(2), new, 2)),
+                'late map': (MAP, key_message(version(0), EPOCH, 1)),
                 'clusters': (CLUSTERS, TimedClusters(8, 8))}
 
     def poses() -> list[Pose]:

@@ -24,9 +24,12 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox
 from somfusion_ros.team.matchers import Matchers
+from somfusion_ros.team.outbox import Outbox
 from somfusion_ros.team.presence import Meeting, Presence, TUNING
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.snapshot import Snapshot
+from somfusion_ros.team.state_codec import decode_state
 from test_elastic import bent_team
 from test_elastic_session import batches, EPOCHS
 
@@ -198,6 +201,38 @@ def test_a_match_that_cannot_be_is_withdrawn_at_once_though_no_map_changes() -> 
     session.begin('b', Epoch('b', 1), 11.0, keep_map=True)      # of another map nothing is known
     session.attempt(30.0, force=True)
     assert told(session) == {'match'}
+
+
+def test_a_node_that_begins_anew_is_told_where_robots_were_and_hands_it_on() -> None:
+    there, epochs = Presence(), {robot: Epoch(robot) for robot in 'abc'}
+    for pose in WAY:
+        for peer in 'ac':
+            there.meet(peer, Meeting(pose, pose))
+    said = Outbox('ab12')
+    first = said.state(Snapshot(), 0, 0.0)
+    assert first is not None and not decode_state(first).whereabouts
+    now = Snapshot(whereabouts=there.whereabouts('b', epochs))
+    assert said.state(now, 0, 1.0) is None      # it is no reason to speak
+    text = said.state(now, 0, 60.0)
+    assert text is not None
+    heard = decode_state(text).whereabouts
+    assert [one.robot for one in heard] == ['a', 'c']
+    fresh, _ = alike()
+    assert fresh.attempt(0.0) == 'b'
+    fresh.take_state('b', (), (), heard[1:])
+    assert fresh.attempt(10.0) is None
+    assert told(fresh) == {'match'}     # b has no word on where c was when the robot was there
+    fresh.take_state('b', (), (), heard)
+    assert fresh.attempt(20.0) == 'b'
+    assert told(fresh) == set()
+    fresh.take_state('b', (), ())       # its node begins anew, too, and knows nothing
+    (again,) = fresh.refresh({'b'}).whereabouts
+    assert (again.robot, again.epochs) == ('b', (Epoch('a'), Epoch('b')))
+    assert {*again.places} == {pair[::-1] for pair in heard[0].places}
+    fresh.begin('b', Epoch('b', 1), 21.0, keep_map=True)      # of another map nothing is known
+    fresh.attempt(40.0, force=True)
+    assert told(fresh) == {'match'}
+    assert fresh.snapshot.whereabouts == ()
 
 
 def test_what_is_refused_on_the_maps_of_now_is_said_to_be_doubted_and_less_probable() -> None:

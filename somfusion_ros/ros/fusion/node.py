@@ -164,7 +164,8 @@ class FusionNode(ManagedNode):
         self._session.look_around(self._inbox.heard)
         if own is not None:
             self._link.share(own, self._session.epoch_of(self._name) or Epoch())
-            self._publisher.learned(self._session.learned_own(), self._session.placed_peers())
+            self._publisher.learned(self._session.learned_of(self._name),
+                                    self._session.placed_peers())
 
     def _publish_team(self) -> None:
         """Publish what is accepted and where the robots are, also if nothing changed."""
