@@ -20,13 +20,13 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.heard import TUNING as HEARING
 from somfusion_ros.team.hearsay import oddities
-from somfusion_ros.team.mailbox import Mailbox, Waiting
 from somfusion_ros.team.map_codec import epoch_of, MapDecoder, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, mark_driven, SharedMap, TUNING
 from somfusion_ros.team.state_codec import TeamState
+from somfusion_ros.team.unread import Unread, Waiting
 
 FAULTS = {STATE: 'state', MAP: 'map', CHANGES: 'map', TRANSFORMS: 'transform'}   # in diagnostics
 MOST_TRANSFORMS = 64     # that wait for the worker
@@ -52,7 +52,7 @@ class Inbox:
         self.plain = PlainEpochs()
         self.name, self._session, self._max_cells = name, session, max_cells
         self._count, self._clock = count, clock
-        self._mail = Mailbox()
+        self._unread = Unread()
         self._decoders: dict[str, MapDecoder] = {}
         self._lent: set[str] = set()     # robots whose map others have told
         self._since: dict[str, int] = {}
@@ -68,7 +68,7 @@ class Inbox:
         PlainMap, or the pose and covariance of a plain robot's transform.
         """
         self.heard[robot].hear(channel, size, self._clock())
-        self._mail.keep(robot, channel, Waiting(message, read, rank))
+        self._unread.keep(robot, channel, Waiting(message, read, rank))
 
     def keep_path(self, places: list[tuple[float, float]]) -> None:
         """Keep where the robot itself has been [m], in its own map."""
@@ -105,12 +105,12 @@ class Inbox:
     def keep_transform(self, owner: str, peer: str, message: Any,
                        read: Callable[[Any], tuple[Pose, Array]]) -> None:
         """Keep what a robot without a state accepted, one transform per other robot."""
-        if peer not in ('', owner) and self._mail.count(TRANSFORMS) < MOST_TRANSFORMS:
+        if peer not in ('', owner) and self._unread.count(TRANSFORMS) < MOST_TRANSFORMS:
             self.keep(owner, f'{TRANSFORMS}/{peer}', message, 0, read)
 
     def forget(self, robot: str) -> None:
         """Forget a robot that is gone, and all that waits of it."""
-        self._mail.forget(robot)
+        self._unread.forget(robot)
         for record in (self.heard, self._decoders, self._since):
             record.pop(robot, None)
         self._lent.discard(robot)
@@ -123,14 +123,14 @@ class Inbox:
         for robot, epoch, keep_map in self.plain.changed(self._clock()):
             self._begin(robot, epoch, keep_map)
         self._give_back()
-        for robot, channel in self._mail.addresses():
+        for robot, channel in self._unread.addresses():
             if channel != STATE and self._clock() < self.heard[robot].taken_until:
                 continue   # it waits until one robot only uses the name
-            for waiting in self._mail.take(robot, channel):
+            for waiting in self._unread.take(robot, channel):
                 try:
                     cells = self._take(robot, channel, waiting.read(waiting.message))
                 except NotYet:
-                    self._mail.keep_early(robot, channel, waiting)
+                    self._unread.keep_early(robot, channel, waiting)
                 except ValueError as error:
                     kind = channel.partition('/')[0] if channel.startswith(TRANSFORMS) else channel
                     self._count(f'{FAULTS.get(kind, kind)}_of_{robot}_unusable', str(error))

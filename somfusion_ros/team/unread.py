@@ -25,7 +25,7 @@ class Waiting(NamedTuple):
     rank: int = 0
 
 
-class Mailbox:
+class Unread:
     """Keeps messages by robot and channel."""
 
     def __init__(self) -> None:
