@@ -4,12 +4,14 @@
 
 from helpers import cut_grid, fake_grid, fake_room
 import numpy as np
+import pytest
 from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.shared_map import mark_driven, SharedMap
+from test_members import verdict
 
 ROOM = fake_grid(fake_room())
 LESS = cut_grid(ROOM, (-1.0, -1.0), (5.0, 7.0))
@@ -117,6 +119,28 @@ def test_a_robot_that_is_gone_without_a_map_is_forgotten() -> None:
     departed.update({'b'})
     assert team.solution().groups == ({'b': Pose()},)
     assert team.heard_of('d') == ()
+
+
+@pytest.mark.parametrize('kinds', [('match',), 5 * ('sighting',)])
+def test_words_of_a_robot_that_left_lapse_as_a_peer_begins_another_map(kinds: tuple[str, ...]
+                                                                       ) -> None:
+    """They would have it where it was, against what is matched now."""
+    team, departed = memory('a', ROOM)
+    for robot in 'ab':
+        team.update_map(robot, SharedMap(ROOM))
+    team.hear('d', [MapConstraint(robot, 'd', pose, np.diag([1e-4, 1e-4, 1e-6]), 0.99, kind)
+                    for robot, pose in (('a', THERE), ('b', Pose())) for kind in kinds])
+    departed.update({'b'})
+    assert np.allclose(team.solution().group_of('a')['b'], THERE)      # through d
+    team.begin('b', Epoch('2e'))
+    team.update_map('b', SharedMap(LESS))
+    team.record('b', verdict(NEARBY), *team.grids_of('b'), 0.0)
+    departed.update({'b'})
+    solution = team.solution()
+    assert np.allclose(solution.group_of('a')['b'], NEARBY)
+    assert np.allclose(solution.group_of('a')['d'], THERE)
+    assert not solution.dropped
+    assert [gone.robot for gone in departed.known] == ['d']
 
 
 def test_who_knew_a_robot_believes_no_single_other() -> None:

@@ -367,6 +367,24 @@ def test_an_absent_robots_old_word_does_not_outvote_a_present_match() -> None:
     assert not solution.dropped
 
 
+@pytest.mark.parametrize('restarted', 'ab')
+def test_five_true_sightings_and_then_a_restart_do_not_outvote_a_present_match(restarted: str
+                                                                               ) -> None:
+    """Each robot had seen the other one five times; then one began another map."""
+    team = full_team('a')
+    for _ in range(5):
+        team.sight(said('a', 'b', ELSEWHERE, 'sighting'))
+    team.hear('b', 5 * [said('b', 'a', Pose.from_array(inverse(ELSEWHERE)), 'sighting')])
+    assert np.allclose(team.solution().group_of('a')['b'], ELSEWHERE)
+    team.begin(restarted, Epoch('2e'))
+    team.update_map(restarted, shared(ROOM))
+    assert {*team.solution().group_of('a')} == {'a'}
+    team.record('b', verdict(THERE), *team.grids_of('b'), 0.0)
+    solution = team.solution()
+    assert np.allclose(solution.group_of('a')['b'], THERE)
+    assert not solution.dropped
+
+
 def test_sightings_join_maps() -> None:
     team = full_team('a')
     team.sight(said('a', 'c', THERE, 'sighting'))
