@@ -3,8 +3,8 @@
 """
 What comes in from the robot itself and from its peers, until the worker has time for it.
 
-Of every channel of every robot only the newest message is kept, unread, so that no peer can fill
-the memory however fast it sends. What is bad is counted under the robot's name and changes
+Of every channel of every robot few messages are kept, unread, so that no peer can fill the memory
+however fast it sends. What is bad is counted under the robot's name and changes
 nothing; what speaks of a map that is not known to live yet waits. Messages of any kind are handed
 in with what reads them.
 """

@@ -122,7 +122,7 @@ class MapDecoder:
             if not header.number:
                 return key
             self._key = header.digest, key
-            return self._with_change(key)
+            return self._with_change(key, header.number)
         if self._key is None or self._key[0] != header.key:
             self._change = message
             return None
@@ -130,11 +130,11 @@ class MapDecoder:
         self._change = message
         return cells
 
-    def _with_change(self, key: MapCells) -> MapCells:
-        """Return a new key with the change that waited for it, if that is any good."""
+    def _with_change(self, key: MapCells, number: int) -> MapCells:
+        """Return a new key with the change that waited for it, if that is newer, and any good."""
         if self._change is not None and self._key is not None:
             header = _parse(self._change, self._max_cells)
-            if header.key == self._key[0]:
+            if header.key == self._key[0] and header.number > number:
                 try:
                     return _changed(key, header, self._change)
                 except ValueError:

@@ -177,7 +177,8 @@ class Lab:
         start = time.monotonic()
         while not condition():
             self.assert_alive()
-            assert patient(timeout, start), f'not within {timeout} s: {what()}\n{self.words()}'
+            assert patient(timeout, start), (f'not within {timeout} s: {what()}\n'
+                                             f'{self.diagnostics()}\n{self.words()}')
             time.sleep(0.5)
         return time.monotonic() - start
 
@@ -234,6 +235,12 @@ class Lab:
             words = self.log(robot).read_text()
             for fault in ('Traceback', 'error in a callback', 'worker_errors'):
                 assert fault not in words, f'{robot}: {words[-3000:]}'
+
+    def diagnostics(self) -> str:
+        """Return what every robot says of itself and of its peers."""
+        return '\n'.join(f'--- {robot}, of {peer or "itself"}: {values}'
+                         for robot in sorted(self._clients)
+                         for peer, values in sorted(self.ask(robot)['status'].items()))
 
     def words(self) -> str:
         """Return the last words of every process."""

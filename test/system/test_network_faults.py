@@ -66,7 +66,7 @@ def test_one_link_down_and_up_again(lab: Lab, network: Network) -> None:
     explore(lab, 0.65)
     lab.pause(OUTAGE)
     # What was accepted stays.
-    assert lab.connected('robot4') == set(TEAM), lab.log('robot4').read_text()[-3000:]
+    assert lab.connected('robot4') == set(TEAM), f'{lab.diagnostics()}\n{lab.words()}'
     network.heal()
     lab.until_equal(TEAM)
 

@@ -124,6 +124,19 @@ def test_changes_go_on_after_others_told_the_map() -> None:
     listener.assert_shows(version(3))
 
 
+def test_a_map_may_become_again_what_it_was() -> None:
+    """A new key was like the first one, and the last change of that was put on it."""
+    encoder, listener = MapEncoder(), Listener()
+    encoder.encode(version(1), EPOCH)
+    listener.hear(MAP, encoder.key)
+    encoder.encode(version(2), EPOCH)
+    assert encoder.change is not None
+    listener.hear(CHANGES, encoder.change)
+    listener.assert_shows(version(2))
+    listener.hear(MAP, key_message(version(1), EPOCH, 3))
+    listener.assert_shows(version(1))
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.sampled_from(['own', 'lent', 'gone', 'back']), max_size=12))
 def test_who_is_back_is_shown_as_it_told_itself_last(story: list[str]) -> None:
