@@ -54,6 +54,10 @@ class Doubts:
             self._denials += 1
             self._counters['views_denied'] += 1
 
+    def about(self, view: int) -> bool:
+        """Return whether it is in doubt where a view, or the robot, is."""
+        return self._bridge is not None or self._denials > 0 or view in self._unconfirmed
+
     def take_back(self) -> bool:
         """
         Let views that deny the old ones show nothing any more; return whether there are any.

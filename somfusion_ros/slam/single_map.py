@@ -69,7 +69,7 @@ class SingleMap:
             is_due = self._is_due(track, seen)
             self.astray = self._is_astray(is_due)
             goes_on = is_due and not self.astray and self._goes_on(track, seen)
-            if goes_on:
+            if goes_on and not self.closer.doubts.about(self._at):
                 self.graph.replace(self._successors.confirm(self._at, stamp))
             is_view = is_due and not self.astray and not goes_on and self._keeps(track)
             if is_view:

@@ -54,7 +54,9 @@ def test_views_that_little_holds_are_taken_back_with_all_after_them(weak: bool) 
         doubts.follow(new > KNOWN or not weak)     # what comes next fits the view that was kept
         doubts.add(new, range(KNOWN - 10, KNOWN))
         assert not doubts.take_back()
+        assert doubts.about(0) is weak, 'nor may it take the place of a view that was known'
         doubts.judge(new, new - 2 * KNOWN)         # nothing is old enough to deny it view by view
+        assert doubts.about(new), 'nothing has confirmed it'
     assert doubts.take_back() is weak
     assert graph.hidden == (set(range(KNOWN, graph.ekf.n)) if weak else set())
     assert count['bridges_denied'] == int(weak)
