@@ -2,7 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A SLAM that was saved and resumed goes on as if it had not been interrupted."""
 
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import replace
 from pathlib import Path
+from threading import Event
+import time
 
 from helpers import fake_odometry, fake_room, fake_scan, fake_trajectory, pose_error
 from hypothesis import given, settings
@@ -15,8 +19,11 @@ from somfusion_ros.slam.checkpoint_file import (CheckpointFile, load_checkpoint,
                                                 save_checkpoint)
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.checkpoint_reader import assemble
+from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.journal import JournalInUse
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.slam.scan import cloud
 from somfusion_ros.slam.slam import Slam
 
 WALLS = fake_room()
@@ -172,6 +179,49 @@ def test_a_reset_is_not_undone_by_a_late_write(half: Slam, tmp_path: Path) -> No
     keeper.forget(half)
     keeper.keep(half, object(), 100.0)
     assert not path.exists()
+
+
+def test_a_reset_waits_for_a_write_that_has_begun(half: Slam, tmp_path: Path,
+                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    path, begun, ends = tmp_path / 'state.map', Event(), Event()
+    keeper = CheckpointKeeper(str(path), 10.0, lambda *given: None, lambda text: None)
+    save = CheckpointFile.save
+
+    def slow(file: CheckpointFile, checkpoint: Checkpoint) -> int:
+        begun.set()
+        ends.wait(20.0)
+        return save(file, checkpoint)
+    monkeypatch.setattr(CheckpointFile, 'save', slow)
+    with ThreadPoolExecutor(2) as threads:
+        written = threads.submit(keeper.keep, half, object(), 0.0)
+        assert begun.wait(20.0)
+        forgotten = threads.submit(keeper.forget, half)
+        assert wait([forgotten], 0.1).not_done
+        ends.set()
+        written.result(20.0)
+        forgotten.result(20.0)
+    assert not path.exists()
+
+
+def test_a_robot_goes_on_in_the_map_of_a_day_within_two_seconds(tmp_path: Path) -> None:
+    """With 800 views and 3000 scans, more than a day in an office leaves; in seconds of CPU."""
+    path, slam, number = tmp_path / 'state.map', Slam(), 800
+    drive(slam, 0, 10)
+    day, seen = slam.checkpoint(), fake_scan(WALLS, TRUTH[0], 0.0, beams=181)
+    poses = np.column_stack([np.arange(number) % 40 * 0.2, np.arange(number) // 40 * 0.2,
+                             np.zeros(number)])
+    ties = [Constraint(k - back, k, between(poses[k - back], poses[k]), 1e-4 * np.eye(3))
+            for k in range(1, number) for back in (1, 40) if back <= k]
+    clouds = [cloud(seen, 30.0) for _ in range(number)]
+    scans = [MapScan(k % number, np.zeros(3), cloud(seen, 30.0).outline) for k in range(3000)]
+    save_checkpoint(path, replace(day, poses=poses, stamps=np.arange(number) * 1.0, clouds=clouds,
+                                  constraints=ties, scans=scans))
+    began = time.process_time()
+    again = Slam(background=True, checkpoint=load_checkpoint(path))
+    step = again.process(replace(seen, stamp=2e4), Odometry(2e4, ODOMETRY[0], np.zeros(3)))
+    assert time.process_time() - began < 2.0
+    assert step.reason == 'lost', 'until a second thread has found that it is still there'
+    assert len(again.views()[0]) == number
 
 
 @pytest.mark.parametrize('damage', [
