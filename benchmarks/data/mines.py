@@ -16,8 +16,8 @@ import sys
 import numpy as np
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.io.bags.writer import BagWriter
-from somfusion_ros.slam.motion import WheelOdometry
 from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.wheel_odometry import WheelOdometry
 
 BEAMS, HIDDEN, FIRST = 682, 70, 24          # beams, those at either end that see the rover, column
 INCREMENT = np.radians(240.0) / (BEAMS - 1)   # [rad]

@@ -20,8 +20,8 @@ from somfusion_ros.io.trajectories import write_tum
 from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.floor_plan import FloorPlan, PLANS
 from somfusion_ros.simulation.laser import Laser, Scene
-from somfusion_ros.slam.motion import WheelOdometry
 from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.wheel_odometry import WheelOdometry
 
 EPOCH = 1000.0             # [s] stamp at which the robots are switched on
 ODOMETRY_PERIOD = 0.05     # [s]

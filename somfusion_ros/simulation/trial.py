@@ -10,10 +10,11 @@ from somfusion_ros.geometry import Array, between, compose, Pose, wrap
 from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.slam.config import SlamConfig
-from somfusion_ros.slam.motion import OdometryBuffer, WheelOdometry
+from somfusion_ros.slam.motion import OdometryBuffer
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.step import Step
+from somfusion_ros.slam.wheel_odometry import WheelOdometry
 
 ODOMETRY_EVERY = 3         # simulated steps between two samples of the odometry
 SICK = Laser(beams=181, field_of_view=float(np.pi), range_max=30.0, period=0.2, turn=0.0,

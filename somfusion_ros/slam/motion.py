@@ -1,6 +1,6 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry: interpolation by stamp, two wheel encoders, and the noise of an increment."""
+"""Odometry: interpolation by stamp, and the noise of an increment."""
 
 from bisect import bisect_left
 from collections import deque
@@ -14,7 +14,6 @@ from somfusion_ros.geometry import Array, between, compose, wrap
 
 HISTORY = 20000  # odometry samples kept for scans that come late
 REACH = 0.5  # [s] that odometry reaches beyond its newest sample by its twist, if none comes
-WHEEL_SLIP = 0.02  # [m] of a wheel's random slip after one metre of its travel
 TWIST_SPAN = 0.2  # [s] least time over which a twist is measured: samples may arrive in bursts
 
 
@@ -27,7 +26,8 @@ class Odometry:
     it comes from encoders, slip (3,): the covariance of travel and turn that the wheels' slip
     has added up to, var(travel) [m^2], cov(travel, turn) [m rad], var(turn) [rad^2]; where nobody
     measured the motion, slip (4,) with var(across) [m^2] last, and measured is False. heading
-    by a gyroscope: number of its run, angle [rad], sigma of its drift [rad/s].
+    by a gyroscope: number of its run, angle [rad], sigma of its drift [rad/s]. before: what the
+    odometry of the scan before turned out to be, where that had been extrapolated.
     """
 
     stamp: float
@@ -36,12 +36,19 @@ class Odometry:
     slip: Array | None = None
     measured: bool = True
     heading: tuple[int, float, float] | None = None
+    before: 'Odometry | None' = None
 
     def slip_since(self, previous: 'Odometry') -> Array | None:
         """Return the slip (3,) since an earlier moment; None where it is not known of both."""
         if self.slip is None or previous.slip is None or self.slip[2] < previous.slip[2]:
             return None
         return self.slip - previous.slip
+
+    def corrected(self, told: 'Odometry | None') -> 'Odometry | None':
+        """Return the odometry told with the scan before, as it turned out to be."""
+        if told is None or self.before is None or self.before.stamp != told.stamp:
+            return told
+        return replace(self.before, heading=told.heading)
 
     def fault(self) -> str:
         """Name what makes the odometry unusable, '' if nothing does."""
@@ -109,6 +116,16 @@ class OdometryBuffer:
         self._stamps.append(stamp)
         return True
 
+    def delay(self, since: float, by: float) -> None:
+        """Let the samples after a stamp [s] be of a later time [s]."""
+        if by > 0.0:
+            later = [sample for sample in self._samples if sample[0] > since]
+            for _ in later:
+                self._samples.pop()
+                self._stamps.pop()
+            for stamp, pose, slip in later:
+                self.add(stamp + by, pose, slip)
+
     def at(self, stamp: float, sweep: float = 0.0) -> Odometry | None:
         """
         Return the odometry at a stamp [s] plus lag; None unless samples cover it and the sweep.
@@ -163,37 +180,6 @@ class OdometryBuffer:
         dt = t1 - t0
         growth = None if slip0 is None or slip1 is None else (slip1 - slip0) / dt
         return mean_twist(between(pose0, pose1), dt), growth
-
-
-class WheelOdometry:
-    """
-    Dead reckoning of a differential drive from two wheel encoders (section II-A).
-
-    Each wheel slips at random with its own travel (Chong and Kleeman 1997): slip (3,) is what
-    that has added up to in the covariance of travel and turn, as in `Odometry`.
-    """
-
-    def __init__(self, wheel_radius: float, wheel_separation: float) -> None:
-        if not (wheel_radius > 0 and wheel_separation > 0):
-            raise ValueError('wheel radius and separation must be positive, got '
-                             f'{wheel_radius}, {wheel_separation}')
-        self._radius, self._separation = wheel_radius, wheel_separation
-        self._last: Array | None = None
-        self._pose, self.slip = np.zeros(3), np.zeros(3)
-
-    def update(self, left: float, right: float) -> Array:
-        """Integrate wheel positions [rad]; return T_odom_base (3,). NaN is passed on."""
-        wheels = np.array([left, right], dtype=float)
-        if self._last is not None and np.isfinite(wheels).all():
-            dl, dr = self._radius * (wheels - self._last)
-            self._pose = compose(self._pose, arc(0.5 * (dl + dr), (dr - dl) / self._separation))
-            left, right, b = WHEEL_SLIP ** 2 * abs(dl), WHEEL_SLIP ** 2 * abs(dr), self._separation
-            self.slip = self.slip + (
-                0.25 * (left + right), 0.5 * (right - left) / b, (left + right) / b ** 2)
-        if not np.isfinite(wheels).all():
-            return np.full(3, np.nan)
-        self._last = wheels
-        return self._pose.copy()
 
 
 def swept(twist: Array, time: float) -> Array:

@@ -144,12 +144,15 @@ class Pairing:
                 self._clock.shift += USUAL_PERIOD - judged.leap
             self._clock.leapt('scan', judged.leap, self._newest_odometry)
         for stamp, tagged in judged.good:
-            self._clock.add(Arrived(stamp, self._newest_odometry, tagged))
+            self._clock.add(Arrived(stamp, self._newest_odometry, tagged),
+                            self._odometry_stamps.period)
         self._place()
 
     def _place(self) -> None:
         """Queue the scans of which it is known where in time they belong."""
-        self._wait(self._clock.place(self.odometry.covers, self._odometry_stamps.period))
+        placed = self._clock.place(self.odometry.covers, self._odometry_stamps.period)
+        self.odometry.delay(*self._clock.missing())
+        self._wait(placed)
 
     def _wait(self, scans: list[Arrived]) -> None:
         """Queue scans until their odometry comes."""

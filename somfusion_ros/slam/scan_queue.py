@@ -8,6 +8,7 @@ Nothing here knows a message or a clock: what waits is any item, and time is giv
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
@@ -35,6 +36,7 @@ class ScanQueue:
         self._capacity = capacity
         self._waiting: deque[Waiting] = deque()
         self._newest: dict[str, float] = {}   # stamp [s] by laser
+        self._guessed: float | None = None    # stamp [s] of a scan with odometry extrapolated
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -44,13 +46,17 @@ class ScanQueue:
         """
         Let a scan wait, in the order of the stamps of all lasers.
 
-        Scans of the same laser that wait with a later stamp were not of this time.
+        Scans of the same laser that wait with a later stamp were not of this time, and of those
+        with one stamp, as they were held on their way and stamped on arrival, the last is.
         """
         strays = [i for i, other in enumerate(self._waiting)
-                  if other.laser == laser and other.stamp > stamp]
+                  if other.laser == laser and other.stamp >= stamp]
         for i in reversed(strays):
-            self._count('scan_stamps_stray', f'one is stamped {self._waiting[i].stamp:.3f} s, '
-                        f'those after it {stamp:.3f} s')
+            if self._waiting[i].stamp == stamp:
+                self._count('scan_stamps_repeated', 'a scan has the stamp of the one before it')
+            else:
+                self._count('scan_stamps_stray', f'one is stamped {self._waiting[i].stamp:.3f} '
+                            f's, those after it {stamp:.3f} s')
             del self._waiting[i]
         place = len(self._waiting)
         while place and self._waiting[place - 1].stamp > stamp:
@@ -77,8 +83,11 @@ class ScanQueue:
             if not late and self._is_early(first.stamp):
                 return
             odometry = self._buffer.at(first.stamp, 0.0 if late else first.sweep)
-            if odometry is None and late:
+            if odometry is not None:
+                odometry = self._mended(odometry)
+            elif late:
                 odometry = self._buffer.extrapolated(first.stamp)
+                self._guessed = self._guessed if odometry is None else first.stamp
             if odometry is not None:
                 self._waiting.popleft()
                 yield first.item, odometry
@@ -97,6 +106,11 @@ class ScanQueue:
         """Drop all waiting scans, after a jump in time."""
         self._waiting.clear()
         self._newest.clear()
+
+    def _mended(self, odometry: Odometry) -> Odometry:
+        """Return odometry with that of the scan before, where that had been extrapolated."""
+        guessed, self._guessed = self._guessed, None
+        return odometry if guessed is None else replace(odometry, before=self._buffer.at(guessed))
 
     def _is_early(self, stamp: float) -> bool:
         """Tell whether an older scan of another laser may still come."""

@@ -96,6 +96,7 @@ class Tracker:
             self._resumed = False
             if self._began_anew(scan, odometry):
                 self.odometry = odometry
+        self.odometry = odometry.corrected(self.odometry)
         before, previous, was_lost = self.T_view_base, self.odometry, self.lost
         reason = self._predict(odometry)
         matched, ratio, seed = False, 0.0, self.T_view_base

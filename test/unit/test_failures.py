@@ -11,7 +11,7 @@ from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.floor_plan import box, office, pillar, PLANS, polygon
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import Outcome, run_trial, SICK, simulate_trial, Trial
-from somfusion_ros.slam.motion import WheelOdometry
+from somfusion_ros.slam.wheel_odometry import WheelOdometry
 
 pytestmark = pytest.mark.slow
 OFFICE = office()

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import between, compose, wrap
 from somfusion_ros.slam.motion import (arc, increment_covariance, MotionNoise, Odometry,
-                                       OdometryBuffer, WHEEL_SLIP, WheelOdometry)
+                                       OdometryBuffer)
+from somfusion_ros.slam.wheel_odometry import WHEEL_SLIP, WheelOdometry
 
 
 def filled(count: Counter) -> OdometryBuffer:

@@ -1,30 +1,17 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans and odometry on their way to the SLAM: waiting, stray stamps, clocks that are set."""
+"""Scans and odometry on their way to the SLAM: waiting, and stray stamps."""
 
-from collections import Counter
-from collections.abc import Callable
-
-from helpers import fake_odometry, fake_room, fake_scan, fake_trajectory, pose_error
-from hypothesis import given, settings
+from drives import Counts, Drive
+from helpers import fake_room, fake_scan
+from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.geometry import between, compose, Pose
-from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.motion import OdometryBuffer
 from somfusion_ros.slam.scan_queue import MAX_WAITING, ScanQueue
-from somfusion_ros.slam.session import Session
 from somfusion_ros.slam.stamps import StampStream, TUNING
-from somfusion_ros.slam.step import Step
-
-
-class Counts(Counter):
-    """Counts faults as the nodes do."""
-
-    def __call__(self, kind: str, reason: str = '') -> None:
-        """Count one."""
-        self[kind] += 1
 
 
 def queue_with(stamps: list[float], timeout: float = 1.0) -> tuple[ScanQueue, OdometryBuffer,
@@ -149,43 +136,6 @@ def test_a_wrong_first_stamp_is_overcome() -> None:
     assert good[1:] == pytest.approx([1.0 + 0.1 * k for k in range(TUNING.backward + 1)])
 
 
-class Drive:
-    """A drive through a room, fed to a session as a robot would."""
-
-    def __init__(self) -> None:
-        self.counts = Counts()
-        self.session = Session(SlamConfig(), 0.5, self.counts)
-        way = np.array([[1.5, 1.5], [3.5, 1.5], [6.5, 1.0], [6.5, 2.8], [4.5, 3.0], [2.0, 3.0]])
-        self.stamps, self.poses = fake_trajectory(way)
-        self.odometry = fake_odometry(self.poses)
-        self.steps: list = []
-
-    def feed(self, first: int, last: int, shift: float = 0.0,
-             T_odom_odom: Pose | None = None) -> None:
-        """Feed a part of the drive, at shifted stamps."""
-        for i in range(first, last):
-            stamp = self.stamps[i] + shift
-            pose = self.odometry[i] if T_odom_odom is None else compose(T_odom_odom,
-                                                                        self.odometry[i])
-            scan = fake_scan(fake_room(), self.poses[i], stamp, beams=181)
-            self.session.add_odometry(stamp, pose)
-            self.session.add_scan(scan, i, 0.0)
-            self.steps += list(self.session.steps(0.0))
-
-    def error(self) -> float:
-        """Distance [m] of the last step from the truth, both from the first step."""
-        return self._off(self.steps[-1])
-
-    def worst(self) -> float:
-        """Longest distance [m] of a step from the truth, both from the first step."""
-        return max(self._off(found) for found in self.steps if found[1].accepted)
-
-    def _off(self, found: tuple[int, Step]) -> float:
-        (first, one), (i, other) = self.steps[0], found
-        return pose_error(between(one.pose, other.pose),
-                          between(self.poses[first], self.poses[i]))[0]
-
-
 def test_a_session_follows_the_robot() -> None:
     drive = Drive()
     drive.feed(0, 100)
@@ -259,69 +209,3 @@ def test_bad_scans_between_good_ones_are_counted() -> None:
     drive.feed(10, 40)
     assert sum(drive.counts.values()) >= 5
     assert drive.error() < 0.1
-
-
-Clock = Callable[[int], float]
-
-
-def driven(scan_clock: Clock, odometry_clock: Clock) -> Drive:
-    """Drive with clocks that are off by a function of the number of the message."""
-    drive = Drive()
-    for i in range(len(drive.stamps)):
-        stamp = drive.stamps[i] + 1e5
-        drive.session.add_odometry(stamp + odometry_clock(i), drive.odometry[i])
-        drive.session.add_scan(fake_scan(fake_room(), drive.poses[i], stamp + scan_clock(i),
-                                         beams=181), i, 0.0)
-        drive.steps += list(drive.session.steps(0.0))
-    return drive
-
-
-def set_at(i: int, seconds: float) -> Clock:
-    """Make a clock that is set by so many seconds at message i."""
-    return lambda k: seconds * (k >= i)
-
-
-@pytest.mark.parametrize('step', [-3600.0, -3.0, -2.4, -1.2, -0.5, 0.2, 1.2, 2.4, 100.0, 3600.0])
-@pytest.mark.parametrize('which', ['both', 'scans', 'odometry', 'odometry a second later'])
-def test_a_clock_that_is_set_while_driving_costs_at_most_one_view(step: float, which: str
-                                                                  ) -> None:
-    """At 0.5 m/s, ten scans a second; a view is kept every 0.4 m or 0.4 rad."""
-    off = set_at(60, step)
-    later = {'both': off, 'scans': lambda k: 0.0, 'odometry': off,
-             'odometry a second later': set_at(70, step)}[which]
-    drive = driven((lambda k: 0.0) if which == 'odometry' else off, later)
-    assert not drive.counts['maps_begun_anew']
-    used = [tag for tag, step in drive.steps if step.accepted]
-    assert len(used) >= len(drive.stamps) - 10, 'ten scans are 0.5 m'
-    assert drive.worst() < 0.1
-
-
-@pytest.mark.parametrize('off', [-1e9, -100.0, -1.0, 1.0, 100.0, 3000.0, 1e9])
-@pytest.mark.parametrize('stream', ['scans', 'odometry'])
-def test_one_stray_stamp_costs_one_message(off: float, stream: str) -> None:
-    stray: Clock = lambda k: off * (k == 60)
-    none: Clock = lambda k: 0.0
-    drive = driven(*((stray, none) if stream == 'scans' else (none, stray)))
-    used = [tag for tag, step in drive.steps if step.accepted]
-    assert len(used) >= len(drive.stamps) - 3
-    assert drive.error() < 0.1
-    named = sum(n for name, n in drive.counts.items() if 'stamps_' in name)
-    assert named <= 2, dict(drive.counts)
-
-
-@pytest.mark.parametrize('offset', [-1e9, -20.0, 20.0, 1.7e9])
-def test_scans_of_another_clock_are_paired_by_arrival(offset: float) -> None:
-    drive = driven(lambda k: offset, lambda k: 0.0)
-    assert drive.counts['scan_clock_differs'] == 1
-    assert len(drive.steps) > len(drive.stamps) - 20
-    assert drive.error() < 0.15
-
-
-@pytest.mark.slow
-@settings(max_examples=5, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 119), st.floats(-1e4, 1e4)), max_size=4))
-def test_whatever_the_stamps_the_robot_is_followed_in_the_end(stray: list) -> None:
-    wrong = dict(stray)
-    drive = driven(lambda k: wrong.get(k, 0.0), lambda k: 0.0)
-    assert len(drive.steps) > len(drive.stamps) - 30
-    assert drive.error() < 0.2

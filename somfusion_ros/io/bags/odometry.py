@@ -13,8 +13,9 @@ from somfusion_ros.io.bags.reader import BagError
 from somfusion_ros.io.bags.topics import OdometrySource, stamp
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import yaw
-from somfusion_ros.slam.motion import Odometry, WheelOdometry
+from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.motion_guess import TurnRate
+from somfusion_ros.slam.wheel_odometry import WheelOdometry
 
 Converter = Callable[[Any, float], Odometry | None]
 

@@ -16,7 +16,7 @@ from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.tf import transform_type
-from somfusion_ros.slam.motion import WheelOdometry
+from somfusion_ros.slam.wheel_odometry import WheelOdometry
 
 PATIENCE = 2.0     # [s] for nav_msgs/Odometry, before a transform that is odometry is taken
 MOST_PAIRS = 1000  # of frames, among which the odometry is looked for
