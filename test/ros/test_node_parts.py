@@ -36,6 +36,8 @@ from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
 from somfusion_ros.ros.fusion.view_link import ViewLink  # noqa: E402
 from somfusion_ros.ros.slam.joint_path import JointPath  # noqa: E402
 from somfusion_ros.ros.slam.odometry_input import OdometryInput  # noqa: E402
+from somfusion_ros.slam.epoch import Epoch  # noqa: E402
+from somfusion_ros.team.constraint import MapConstraint  # noqa: E402
 from somfusion_ros.team.heard import Heard, TimedPose  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
@@ -220,6 +222,24 @@ def test_body_pose_and_transform_of_a_peer_vanish_when_the_peer_or_its_match_doe
     assert (last('peer_bodies'), last('peer_poses')) == (0, 1)
     assert node.ended == ['relative_transforms']
     assert node.topics['relative_transforms'] == []            # for who comes late
+
+
+def test_the_body_of_a_robot_that_only_others_accepted_is_none() -> None:
+    """A liar could else have scans cut, and walls erased, where it says that somebody stands."""
+    work, walls, node = session([]), fake_room(14.0, 11.0), Told()
+    publisher = FusionPublisher(node, Frames('robot1', 'map', 'world'), '', 'global_map')
+    for robot, place in (('robot1', Pose()), ('robot2', Pose(2.0, -1.0, 0.7))):
+        work.take_map(robot, SharedMap(fake_grid(walls, T_map_walls=place)))
+    work.begin('robot3', Epoch('3d'), 0.0)
+    work.take_state('robot2', [MapConstraint('robot2', 'robot3', Pose(), 0.01 * np.eye(3), epochs=(
+        Epoch(), Epoch('3d')))], ())
+    heard = {f'robot{k}': Heard() for k in (1, 2, 3)}
+    for one in heard.values():
+        one.add_pose(TimedPose(1.0, Pose(1.0, 1.0, 0.0), 0.01 * np.eye(3)))
+    assert work.attempt(0.0) == 'robot2'
+    publisher.team(work.refresh({'robot2', 'robot3'}), heard, {'robot2', 'robot3'})
+    assert len(node.topics['peer_poses'][-1].poses) == 3
+    assert len(node.topics['peer_bodies'][-1].poses) == 1
 
 
 @pytest.mark.parametrize(('heard', 'words'), [

@@ -24,8 +24,8 @@ SURE = 3.5           # sigmas, and
 NEAR = 0.5           # [m] within which an accepted transform must be
 BENT = 1.0           # [m] within which views must leave it,
 PATIENCE = 15.0      # [s] after which they must: what is shown moves in steps
-TOLD = 60.0          # [s] after which two ends that looked alike must not be taken for one, also
-#                      where a node began anew meanwhile, and four refusals have yet to come
+TOLD = 45.0          # [s] after which two ends that looked alike must not be taken for one: the
+#                      next maps and four refusals have yet to come
 HALF = 0.5           # of evidence; cells that differ by less say the same
 # Matches, solutions and drawings of a station in one step, and how large the largest may be.
 MOST_AT_ONCE = {'work': 8, 'constraints solved': 5 * 256, 'cells matched': 10 ** 6,
