@@ -25,8 +25,13 @@ class ScanClockTuning:
         2.5, 's', 'beside the period of the odometry, by which a scan may be off its usual time '
         'and still belong to the same clock; odometry stalls for up to 1.9 s', 'intel')
     apart: float = tuned(
-        1.0, 's', 'beside the period of the odometry, between a scan and its usual time, from '
-        'which on it waits until it is known whether a clock was set', 'benchmarks/slam/clocks.py')
+        1.0, 's', 'beside the period of the odometry, by which a scan may be ahead of its usual '
+        'time; from there on it waits until it is known whether a clock was set',
+        'benchmarks/slam/clocks.py')
+    behind: float = tuned(
+        5.0, 's', 'by which it may be behind unless stamps stood still, and is then said to be '
+        'late: a slow network makes it so, and the odometry of its time is kept',
+        'benchmarks/slam/clocks.py')
     spanned: float = tuned(
         0.4, 's', 'of odometry that scans must come with before a clock is believed to have been '
         'set though no stamp leapt: they may have been held on their way', 'by design')
@@ -75,6 +80,7 @@ class ScanClock:
         self._arrivals: deque[Arrived] = deque(maxlen=TUNING.enough)   # since there is doubt
         self._newest: Arrived | None = None    # that came with odometry of its own
         self._doubtful, self._since = False, -np.inf
+        self._stood = False      # the stamps of the scans, while the odometry went on
         self._leaps = {'scan': 0.0, 'odometry': 0.0}
         self._missing = 0.0
 
@@ -113,16 +119,26 @@ class ScanClock:
         last = self._newest
         if not np.isfinite(scan.newest_odometry) or last is not None and (
                 scan.newest_odometry <= last.newest_odometry or scan.stamp == last.stamp):
+            self._stood |= last is not None and scan.stamp == last.stamp
             return    # one of two streams stalls, which says nothing of the clocks
         self._newest = scan
         if self._doubtful:
             return
-        off = scan.offset + self.shift - self._usual
-        if abs(off) > TUNING.apart + odometry_period:
+        ahead = scan.offset + self.shift
+        if self._is_off(min(ahead, ahead - self._usual), self._usual - ahead, odometry_period):
             self._leaps = {'scan': 0.0, 'odometry': 0.0}
             self._doubt(last.newest_odometry if last else -np.inf)
         elif len(self._offsets) < TUNING.enough:
-            self._offsets.append(scan.offset + self.shift)
+            self._offsets.append(ahead)
+
+    def _is_off(self, ahead: float, behind: float, odometry_period: float) -> bool:
+        """Return whether a scan is so far ahead or behind [s] that a clock may be wrong."""
+        if self._is_known and not self._stood and behind > TUNING.behind:
+            self._count('scans_late', f'they come {behind:.0f} s later than they did: a slow '
+                        'network, or a clock that is too slow')
+            return False
+        most = TUNING.apart if self._stood else TUNING.behind
+        return ahead > TUNING.apart + odometry_period or behind > most + odometry_period
 
     def place(self, covered: Callable[[float], bool], odometry_period: float) -> list[Arrived]:
         """
@@ -216,5 +232,5 @@ class ScanClock:
                 self._count('scans_before_clock_was_set', 'a scan still has a stamp of the time '
                             'before its clock was set')
             self._undecided = kept
-        self.shift, self._doubtful = shift, False
+        self.shift, self._doubtful, self._stood = shift, False, False
         self._leaps['scan'] = 0.0

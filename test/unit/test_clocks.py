@@ -83,7 +83,7 @@ def test_one_stray_stamp_costs_one_message(off: float, stream: str) -> None:
     assert named <= 2, dict(drive.counts)
 
 
-@pytest.mark.parametrize('offset', [-1e9, -20.0, -2.0, 1.3, 20.0, 1.7e9])
+@pytest.mark.parametrize('offset', [-1e9, -20.0, 1.3, 20.0, 1.7e9])
 def test_scans_of_another_clock_are_paired_by_arrival(offset: float) -> None:
     drive = driven(lambda k: offset)
     assert drive.counts['scan_clock_differs'] == 1
@@ -119,8 +119,40 @@ def test_clocks_of_other_speeds_are_kept_together(rate: float, which: str) -> No
     drift: Clock = lambda k: 0.1 * (rate - 1.0) * k
     drive = driven(*((drift, right) if which == 'scans' else (right, drift)))
     assert used(drive) >= len(drive.stamps) - 110
-    assert drive.error() < 0.2, 'up to a second is 0.5 m'
-    assert drive.counts['clocks_apart'] >= 1
+    ahead = (which == 'scans') == (rate > 1.0)
+    assert drive.error() < (0.2 if ahead else 0.4), 'up to a second is 0.5 m'
+    assert drive.counts['clocks_apart'] >= 1 if ahead else not drive.counts['clocks_apart']
+    assert bool(drive.counts['scans_late']) == (not ahead and rate == 0.5), 'by more than 5 s'
+
+
+def late_all_the_time(k: int) -> int:
+    """Be a slow network."""
+    return 15
+
+
+def late_at_first(k: int) -> int:
+    """Be a network, or a computer, that is slow until 4.5 s."""
+    return min(15, max(0, 45 - k))
+
+
+def later_and_later(k: int) -> int:
+    """Be a network that slows down, to 3 s."""
+    return min(30, max(0, k - 40) // 2)
+
+
+@pytest.mark.parametrize('late', [late_all_the_time, late_at_first, later_and_later])
+def test_scans_that_come_late_are_not_of_another_clock(late: Callable[[int], int]) -> None:
+    """The odometry of their time is still there."""
+    drive = Drive()
+    for i in range(len(drive.stamps)):
+        tell_odometry(drive, i)
+        for k in range(i + 1):
+            if k + late(k) == i:
+                tell_scan(drive, k, held=i - k)
+        drive.steps += list(drive.session.steps(drive.stamps[i]))
+    assert not drive.counts
+    assert used(drive) >= len(drive.stamps) - 31
+    assert drive.worst() < 0.1
 
 
 def test_scans_that_are_held_on_their_way_are_not_of_another_clock() -> None:
