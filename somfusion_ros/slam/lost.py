@@ -118,10 +118,10 @@ class Lost:
         match, poses = placed.match, self.piece.graph.ekf.poses
         T_map_piece = compose(match.T_map_scan, inverse(poses[view]))
         if known.grows and len(poses) >= LEAST:
-            known.absorb(self.piece, view, match.T_map_scan, match.covariance)
+            known.absorb(self.piece, view, match.T_map_scan, placed.covariance)
         else:
             pose, P = self.piece.pose()
-            known.stand(compose(T_map_piece, pose), P + match.covariance, self.piece.tracker,
+            known.stand(compose(T_map_piece, pose), P + placed.covariance, self.piece.tracker,
                         float(self.piece.graph.trail.stamps[-1]))
         return T_map_piece
 

@@ -9,7 +9,7 @@ every direction, and if a second search finds the same after the robot has drive
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -54,13 +54,25 @@ class Placed:
     A query placed in a map: the match, and how well it fits.
 
     explained: share of its points on the surface of the map; agreement: share, of what both
-    sides saw, that agrees; rival: worth of the best pose elsewhere.
+    sides saw, that agrees; rival: worth of the best pose elsewhere; off (3,): how far [m, m, rad]
+    it is from where another search put it.
     """
 
     match: Match
     explained: float
     agreement: float
     rival: float = 0.0
+    off: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def covariance(self) -> Array:
+        """
+        Return the pose's covariance, 3 x 3.
+
+        What two searches differ by tells more of the error than the residuals of one.
+        """
+        total: Array = self.match.covariance + np.outer(self.off, self.off)
+        return total
 
     @property
     def worth(self) -> float:
@@ -187,7 +199,7 @@ class Relocation:
         if before is None or not _same(T_map_piece, before, poses[-1]):
             self.refusal = 'it drives on to be sure'
             return None
-        return placed
+        return replace(placed, off=between(compose(before, poses[-1]), placed.match.T_map_scan))
 
 
 def _same(one: Array, other: Array, pose: Array) -> bool:

@@ -122,7 +122,7 @@ class ScanClock:
             self._stood |= last is not None and scan.stamp == last.stamp
             return    # one of two streams stalls, which says nothing of the clocks
         self._newest = scan
-        if self._doubtful:
+        if self._doubtful or last is None:
             return
         ahead = scan.offset + self.shift
         if self._is_off(min(ahead, ahead - self._usual), self._usual - ahead, odometry_period):

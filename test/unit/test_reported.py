@@ -27,7 +27,7 @@ LEFT_OUT = 'left out', '* (match) contradicts *'
 # Where a fault of robot2, or of a liar, is said, and what. Counts and words are those of fusion
 # nodes; slam: what the SLAM itself counts; left out: why a pair is.
 REPORTED = {
-    'loss': ('count', 'pose_of_robot2_late'), 'delay': ('count', 'pose_of_robot2_late'),
+    'loss': ('count', 'pose_of_*_late'), 'delay': ('count', 'pose_of_robot2_late'),
     'slow link': ('count', 'pose_of_robot2_late'), 'doubling': ('count', 'state_of_robot2_late'),
     'cut': GONE, 'fusion crash': GONE, 'robot off': GONE,
     'slam restart elsewhere': NEW_MAP, 'slam restart without state': NEW_MAP, 'reset': NEW_MAP,
