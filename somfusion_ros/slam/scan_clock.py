@@ -127,8 +127,10 @@ class ScanClock:
         ahead = scan.offset + self.shift
         if self._is_off(min(ahead, ahead - self._usual), self._usual - ahead, odometry_period):
             self._leaps = {'scan': 0.0, 'odometry': 0.0}
-            self._doubt(last.newest_odometry if last else -np.inf)
-        elif len(self._offsets) < TUNING.enough:
+            self._doubt(last.newest_odometry)
+            return
+        self._stood = False     # the clock went on as it should
+        if len(self._offsets) < TUNING.enough:
             self._offsets.append(ahead)
 
     def _is_off(self, ahead: float, behind: float, odometry_period: float) -> bool:

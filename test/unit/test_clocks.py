@@ -155,6 +155,19 @@ def test_scans_that_come_late_are_not_of_another_clock(late: Callable[[int], int
     assert drive.worst() < 0.1
 
 
+def test_a_stamp_that_is_told_twice_does_not_make_late_scans_suspect() -> None:
+    drive = Drive()
+    for i in range(len(drive.stamps)):
+        tell_odometry(drive, i)
+        for k in range(i + 1):
+            if k + later_and_later(k) == i:
+                tell_scan(drive, k, lambda k: -0.1 * (k == 20), held=i - k)
+        drive.steps += list(drive.session.steps(drive.stamps[i]))
+    assert drive.counts.keys() == {'scan_stamps_repeated'}
+    assert used(drive) >= len(drive.stamps) - 32
+    assert drive.worst() < 0.1
+
+
 def test_scans_that_are_held_on_their_way_are_not_of_another_clock() -> None:
     drive = Drive()
     for i in range(len(drive.stamps)):
