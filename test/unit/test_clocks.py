@@ -140,29 +140,29 @@ def later_and_later(k: int) -> int:
     return min(30, max(0, k - 40) // 2)
 
 
-@pytest.mark.parametrize('late', [late_all_the_time, late_at_first, later_and_later])
-def test_scans_that_come_late_are_not_of_another_clock(late: Callable[[int], int]) -> None:
-    """The odometry of their time is still there."""
+def driven_late(late: Callable[[int], int], scan_clock: Clock = right) -> Drive:
+    """Drive with scans that come later, by a function of their number, than they were taken."""
     drive = Drive()
     for i in range(len(drive.stamps)):
         tell_odometry(drive, i)
         for k in range(i + 1):
             if k + late(k) == i:
-                tell_scan(drive, k, held=i - k)
+                tell_scan(drive, k, scan_clock, held=i - k)
         drive.steps += list(drive.session.steps(drive.stamps[i]))
+    return drive
+
+
+@pytest.mark.parametrize('late', [late_all_the_time, late_at_first, later_and_later])
+def test_scans_that_come_late_are_not_of_another_clock(late: Callable[[int], int]) -> None:
+    """The odometry of their time is still there."""
+    drive = driven_late(late)
     assert not drive.counts
     assert used(drive) >= len(drive.stamps) - 31
     assert drive.worst() < 0.1
 
 
 def test_a_stamp_that_is_told_twice_does_not_make_late_scans_suspect() -> None:
-    drive = Drive()
-    for i in range(len(drive.stamps)):
-        tell_odometry(drive, i)
-        for k in range(i + 1):
-            if k + later_and_later(k) == i:
-                tell_scan(drive, k, lambda k: -0.1 * (k == 20), held=i - k)
-        drive.steps += list(drive.session.steps(drive.stamps[i]))
+    drive = driven_late(later_and_later, lambda k: -0.1 * (k == 20))
     assert drive.counts.keys() == {'scan_stamps_repeated'}
     assert used(drive) >= len(drive.stamps) - 32
     assert drive.worst() < 0.1
