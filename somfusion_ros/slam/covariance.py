@@ -39,6 +39,13 @@ def turned(theta: float) -> Array:
     return T
 
 
+def seen_turned(P: Array, theta: float) -> Array:
+    """Return the covariance P (3, 3) of a pose in the axes of a frame turned by theta [rad]."""
+    T = turned(theta)
+    seen: Array = T @ P @ T.T
+    return seen
+
+
 def along(P: Array, theta: float) -> float:
     """Return the sigma [m] along a heading [rad] of a pose with covariance P (3, 3)."""
     u = rotation(theta)[:, 0]

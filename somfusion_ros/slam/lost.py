@@ -12,11 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from somfusion_ros.geometry import Array, between, compose, inverse
+from somfusion_ros.geometry import Array, between, compose, compose_jacobians, inverse
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.covariance import seen_turned
 from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.relocation import KnownMap, Placed, Relocation
@@ -121,8 +122,10 @@ class Lost:
             known.absorb(self.piece, view, match.T_map_scan, placed.covariance)
         else:
             pose, P = self.piece.pose()
-            known.stand(compose(T_map_piece, pose), P + placed.covariance, self.piece.tracker,
-                        float(self.piece.graph.trail.stamps[-1]))
+            F, _ = compose_jacobians(match.T_map_scan, between(poses[view], pose))
+            known.stand(compose(T_map_piece, pose),
+                        F @ placed.covariance @ F.T + seen_turned(P, -T_map_piece[2]),
+                        self.piece.tracker, float(self.piece.graph.trail.stamps[-1]))
         return T_map_piece
 
 

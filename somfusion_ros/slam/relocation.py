@@ -19,6 +19,7 @@ from somfusion_ros.geometry import apply, Array, between, compose, inverse, rota
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.correlative import search
 from somfusion_ros.slam.correlative import TUNING as SEARCH
+from somfusion_ros.slam.covariance import turned
 from somfusion_ros.slam.drawn_map import DrawnMap
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, refine
@@ -55,7 +56,7 @@ class Placed:
 
     explained: share of its points on the surface of the map; agreement: share, of what both
     sides saw, that agrees; rival: worth of the best pose elsewhere; off (3,): how far [m, m, rad]
-    it is from where another search put it.
+    it is from where another search put it, in its own axes.
     """
 
     match: Match
@@ -67,11 +68,12 @@ class Placed:
     @property
     def covariance(self) -> Array:
         """
-        Return the pose's covariance, 3 x 3.
+        Return the 3 x 3 covariance of the pose, in the axes of the map.
 
         What two searches differ by tells more of the error than the residuals of one.
         """
-        total: Array = self.match.covariance + np.outer(self.off, self.off)
+        off = turned(-self.match.T_map_scan[2]) @ self.off
+        total: Array = self.match.covariance + np.outer(off, off)
         return total
 
     @property

@@ -12,6 +12,7 @@ from somfusion_ros.slam import places
 from somfusion_ros.slam.checkpoint import Checkpoint, ViewGraph
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.covariance import seen_turned
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loop_closer import LoopCloser
 from somfusion_ros.slam.map_scans import MapScan
@@ -184,25 +185,25 @@ class SingleMap:
             tracker = tracker or self.tracker
             tracker.config, self.tracker, self._blind = self.config, tracker, 0
             self._go_on(view, self.graph.local_map(view, self._members(view)),
-                        between(poses[view], pose), P)
+                        between(poses[view], pose), seen_turned(P, poses[view, 2]))
             if stamp is not None:
                 self.graph.trail.append(stamp, self._at, self.tracker.T_view_base)
 
-    def absorb(self, piece: 'SingleMap', view: int, T_map_view: Array, R: Array) -> None:
+    def absorb(self, piece: 'SingleMap', view: int, T_map_view: Array, P: Array) -> None:
         """
-        Join a piece of map whose view lies at a pose (3,), known to R (3, 3), and go on with it.
+        Join a piece of map whose view lies at a pose (3,), known to P (3, 3), and go on with it.
 
         The piece is hung loosely first; the match of the view then holds it.
         """
         with self.lock, piece.lock:
             graph, first = self.graph, self.graph.ekf.n
-            T_map_piece = compose(T_map_view, inverse(piece.graph.ekf.poses[view]))
             away = places.distance(T_map_view, graph.ekf.poses, self.config)
             old = int(np.where(graph.ekf.kept, away, np.inf).argmin())
-            start = compose(T_map_piece, piece.graph.ekf.poses[0])
-            graph.join(piece.graph, Constraint(
-                old, first, between(graph.ekf.poses[old], start), LOOSE))
-            tie = Constraint(old, first + view, between(graph.ekf.poses[old], T_map_view), R)
+            T_map_old = graph.ekf.poses[old].copy()
+            start = compose(T_map_view, between(*piece.graph.ekf.poses[[view, 0]]))
+            graph.join(piece.graph, Constraint(old, first, between(T_map_old, start), LOOSE))
+            tie = Constraint(old, first + view, between(T_map_old, T_map_view),
+                             seen_turned(P, T_map_old[2]))
             graph.ekf.update(tie)
             graph.constraints.append(tie)
             self.tracker, self._blind = piece.tracker, 0

@@ -15,9 +15,8 @@ from somfusion_ros.slam.agreement import looks_through
 from somfusion_ros.slam.anchor import Anchor
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.config import SlamConfig
-from somfusion_ros.slam.covariance import along, ScaleError, sweep_covariance
+from somfusion_ros.slam.covariance import along, ScaleError, seen_turned, sweep_covariance
 from somfusion_ros.slam.covariance import TUNING as INHERITED
-from somfusion_ros.slam.covariance import turned
 from somfusion_ros.slam.gyro import by_gyro
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import FEWEST, Match, register
@@ -73,8 +72,7 @@ class Tracker:
         """Make the current pose the last view, seen with the local map around it."""
         self.around = local_map
         self._anchor.reframe(self.T_view_base, np.zeros(3))
-        T = turned(self.T_view_base[2])
-        self.P = (1.0 - INHERITED.handed_on) * T @ self.P @ T.T
+        self.P = (1.0 - INHERITED.handed_on) * seen_turned(self.P, self.T_view_base[2])
         self._scale.start_view(self.T_view_base[2])
         self.T_view_base = np.zeros(3)
 
