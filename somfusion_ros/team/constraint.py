@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from somfusion_ros.geometry import Array, inverse, Pose
+from somfusion_ros.geometry import Array, compose, compose_jacobians, inverse, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 
@@ -30,6 +30,8 @@ class ConstraintTuning:
         1e3, 'm', 'a constraint known worse than this says nothing', 'by design')
     most_sigma_theta: float = tuned(
         10.0, 'rad', 'the same for the heading', 'by design')
+    least_sigma: float = tuned(
+        1e-9, 'm, rad', 'nobody knows anything better', 'by design')
     least_independence: float = tuned(
         1e-9, '', 'least eigenvalue of a matrix of correlations; nearer to singular, rounding '
         'decides', 'by design')
@@ -75,10 +77,33 @@ class Dropped:
 def turned(constraint: MapConstraint) -> MapConstraint:
     """Return the same as seen from the other map: T_source_target with its covariance."""
     P, T = constraint.covariance, Pose.from_array(inverse(constraint.T_target_source))
-    c, s = np.cos(constraint.T_target_source.theta), np.sin(constraint.T_target_source.theta)
-    J = np.array([[-c, -s, T.y], [s, -c, -T.x], [0.0, 0.0, -1.0]])
+    J = inverse_jacobian(constraint.T_target_source)
     return replace(constraint, target=constraint.source, source=constraint.target,
                    T_target_source=T, covariance=J @ P @ J.T, epochs=constraint.epochs[::-1])
+
+
+def chained(own: tuple[ArrayLike, Array], between: tuple[ArrayLike, Array],
+            peer: tuple[ArrayLike, Array]) -> tuple[Pose, Array]:
+    """
+    Return T_own_peer of two frames and its covariance (3, 3).
+
+    own: T_own_a, between: T_a_b, peer: T_peer_b, each with its covariance (3, 3).
+    """
+    T_own_b = compose(own[0], between[0])
+    by_own, by_between = compose_jacobians(own[0], between[0])
+    P = by_own @ own[1] @ by_own.T + by_between @ between[1] @ by_between.T
+    T_b_peer = inverse(peer[0])
+    by_first, by_second = compose_jacobians(T_own_b, T_b_peer)
+    turned = by_second @ inverse_jacobian(peer[0])
+    P = by_first @ P @ by_first.T + turned @ peer[1] @ turned.T
+    return Pose.from_array(compose(T_own_b, T_b_peer)), (P + P.T) / 2.0
+
+
+def inverse_jacobian(T_a_b: ArrayLike) -> Array:
+    """Return the Jacobian (3, 3) of `inverse`."""
+    x, y, theta = np.asarray(T_a_b, dtype=float).tolist()
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array([[-c, -s, x * s - y * c], [s, -c, x * c + y * s], [0.0, 0.0, -1.0]])
 
 
 def with_drift(T_target_source: ArrayLike, covariance: Array) -> Array:
@@ -104,7 +129,7 @@ def sane_covariance(covariance: Array) -> Array:
         raise ValueError('covariance is no symmetric matrix of finite numbers')
     variances = np.diag(P)
     most = np.array([TUNING.most_sigma_xy, TUNING.most_sigma_xy, TUNING.most_sigma_theta]) ** 2
-    if (variances <= 0.0).any() or (variances > most).any():
+    if (variances < TUNING.least_sigma ** 2).any() or (variances > most).any():
         raise ValueError(f'covariance has variances {variances.tolist()}')
     scale = 1.0 / np.sqrt(variances)
     if not np.linalg.eigvalsh(P * np.outer(scale, scale))[0] > TUNING.least_independence:

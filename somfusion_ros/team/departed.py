@@ -5,9 +5,9 @@ What the team knows of robots that are gone, for those who come later.
 
 A robot that left, died or is out of reach has mapped something and joined maps. Who knew it tells
 the others so, and hands its map on when asked. Where the words differ on which map it had, the
-one that most robots name counts; who knew it itself believes no single other. Of those who knew
-that map, the one that knows most of it counts, then the one whose name sorts first, so that all
-agree. A robot of whose map nothing is left is forgotten.
+one that most robots name counts; who knew it itself believes no single other, and no words that
+contradict what it heard. Of those who knew that map, the one that knows most of it counts, then
+the one whose name sorts first, so that all agree. A robot of whose map nothing is left is forgotten.
 """
 
 from collections.abc import Collection, Mapping
@@ -17,8 +17,10 @@ import numpy as np
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.members import Team
+from somfusion_ros.team.pair_words import agreeing
 from somfusion_ros.team.shared_map import SharedMap
 
+Words = tuple[MapConstraint, ...]
 MOST_ABSENT = 64    # robots that are remembered; of those whose map is here the first by name
 
 
@@ -44,6 +46,8 @@ class DepartedRobots:
         self._team = team
         self._offers: dict[str, tuple[DepartedRobot, ...]] = {}
         self._counted: dict[str, tuple[SharedMap, int]] = {}
+        self._compared: dict[tuple[str, str], tuple[Words, Words, bool]] = {}
+        self._lies: list[str] = []
         self.known: tuple[DepartedRobot, ...] = ()
         self.sources: dict[str, str] = {}
 
@@ -51,15 +55,19 @@ class DepartedRobots:
         """Replace what a peer knows of absent robots."""
         self._offers[owner] = departed
 
-    def update(self, present: Collection[str]) -> None:
-        """Agree with the peers that are present on what is left of those that are not."""
+    def update(self, present: Collection[str]) -> list[str]:
+        """
+        Agree with the peers that are present on what is left of those that are not.
+
+        Return sentences on who says what cannot be, where that is new.
+        """
         team = self._team
         mine = {robot: self._mine(robot) for robot in team.maps.keys() - {*present, team.name}}
         words = self._words(mine, present)
         team.absent = frozenset(words)
         self.sources = {}
         for robot, said in words.items():
-            owner, gone = _agreed(said, team.name)
+            owner, gone = _agreed(self._believed(robot, said), team.name)
             if owner != team.name:
                 team.begin(robot, gone.epoch)
                 team.hear(robot, gone.constraints)
@@ -68,6 +76,8 @@ class DepartedRobots:
         for robot in team.epochs.keys() - {*present, *words, team.name}:
             team.forget(robot)
         self.known = tuple(self._mine(robot) for robot in sorted(mine.keys() & team.maps.keys()))
+        lies, self._lies = self._lies, []
+        return lies
 
     def maps(self) -> Mapping[str, SharedMap]:
         """Return the maps of the absent robots, by name."""
@@ -75,8 +85,9 @@ class DepartedRobots:
 
     def _mine(self, robot: str) -> DepartedRobot:
         """Say what the robot itself knows of an absent one."""
-        return DepartedRobot(robot, self._cells(robot), self._team.heard_of(robot),
-                             self._team.epochs[robot])
+        team = self._team
+        said = sorted(team.heard_of(robot), key=team.counts, reverse=True)   # what counts first
+        return DepartedRobot(robot, self._cells(robot), tuple(said), team.epochs[robot])
 
     def _words(self, mine: Mapping[str, DepartedRobot], present: Collection[str],
                ) -> dict[str, list[tuple[str, DepartedRobot]]]:
@@ -89,6 +100,25 @@ class DepartedRobots:
         most = sorted(words, key=lambda robot: (robot not in mine, robot))[:MOST_ABSENT]
         return {robot: words[robot] for robot in most}
 
+    def _believed(self, robot: str, said: list[tuple[str, DepartedRobot]]
+                  ) -> list[tuple[str, DepartedRobot]]:
+        """Leave out words on a robot that contradict what is known here of the same map."""
+        heard, epoch = self._team.heard_of(robot), self._team.epochs.get(robot)
+        kept = []
+        for owner, gone in said:
+            if gone.epoch == epoch and gone.constraints and heard:
+                asked = self._compared.get((robot, owner), ((), (), True))
+                if asked[0] is not heard or asked[1] is not gone.constraints:
+                    asked = heard, gone.constraints, _alike(heard, gone.constraints)
+                    self._compared[robot, owner] = asked
+                    if not asked[2]:
+                        self._lies.append(f'{owner} says of {robot}, which is gone, what '
+                                          'contradicts what was heard of it')
+                if owner != self._team.name and not asked[2]:
+                    continue
+            kept.append((owner, gone))
+        return kept
+
     def _cells(self, robot: str) -> int:
         """Count the known cells of a robot's map, once per map."""
         shared = self._team.maps[robot]
@@ -97,6 +127,15 @@ class DepartedRobots:
             counted = shared, int(np.count_nonzero(shared.grid.known))
             self._counted[robot] = counted
         return counted[1]
+
+
+def _alike(ones: Words, others: Words) -> bool:
+    """Return whether the matches that both hold agree."""
+    before, after = ({frozenset(one.robots): one for one in words if one.kind == 'match'}
+                     for words in (ones, others))
+    both = sorted(before.keys() & after.keys(), key=sorted)
+    return not both or bool(agreeing([before[pair] for pair in both],
+                                     [after[pair] for pair in both]).all())
 
 
 def _agreed(said: list[tuple[str, DepartedRobot]], own: str) -> tuple[str, DepartedRobot]:

@@ -8,67 +8,33 @@ all robots that know the same pairs agree on it without a vote.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, between, Pose
-from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, with_drift
+from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING
+from somfusion_ros.team.pair_words import PairWords
 from somfusion_ros.team.pose_graph import components, Estimate, leave_one_out, optimise, PoseGraph
 from somfusion_ros.team.pose_graph import TUNING as SOLVING
+from somfusion_ros.team.rigid_groups import RigidGroups
+from somfusion_ros.team.solution import Solution
 from somfusion_ros.team.voices import one_voice_each
 
 NAMED = 8             # robots that a reason names
 CONTRADICTIONS = 3    # of one author that are left out one by one; then all that it says is
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """
-    Where every robot's map lies.
-
-    groups: per connected group T_world_map by robot, the largest first; covariances (3, 3) of
-    those poses by robot; constraints that were dropped.
-    """
-
-    groups: tuple[dict[str, Pose], ...]
-    covariances: dict[str, Array]
-    dropped: tuple[Dropped, ...] = ()
-
-    def group_of(self, robot: str) -> dict[str, Pose]:
-        """Return T_world_map by robot of the group that holds a robot."""
-        return next((group for group in self.groups if robot in group), {robot: Pose()})
-
-
-class Words(NamedTuple):
-    """
-    What is said, one voice each.
-
-    pairs (E, 2): node numbers; measured (E, 3): poses; information (E, 3, 3) of each, drift of
-    the maps included.
-    """
-
-    constraints: list[MapConstraint]
-    pairs: NDArray[np.intp]
-    measured: Array
-    information: Array
-
-    def only(self, which: Sequence[int]) -> 'Words':
-        """Return some of them."""
-        return Words([self.constraints[k] for k in which],
-                     *(part[np.asarray(which, np.intp)] for part in self[1:]))
-
-
 def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Solution:
     """
     Place every robot's map in the world of its connected group.
 
-    Constraints that contradict the cycles they close are left out one by one, until noise and the
-    drift of maps explain what remains (pairwise consistency, as in Kimera-Multi). Of an author
-    whose constraints contradict again and again all is left out, so that the time is bounded.
+    What both robots of a pair say is solved first, and lies fast for what one says alone: no
+    number of liars moves two robots that agree. Constraints that contradict the cycles they close
+    are left out one by one, until noise and the drift of maps explain what remains (pairwise
+    consistency, as in Kimera-Multi). Of an author whose constraints contradict again and again all
+    is left out, so that the time is bounded.
 
     Parameters
     ----------
@@ -102,27 +68,38 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     >>> round(solution.groups[0]['c'].x, 6)
     3.0
     """
-    names, said = sorted(set(robots)), list(constraints)
-    _check(names, said)
-    voices, dropped = one_voice_each(said)
-    words = Words(voices, _numbered(names, voices), *_measured(voices))
+    names = sorted(set(robots))
+    voices, dropped = one_voice_each(constraints)
+    words = PairWords.of(names, voices)
+    both = words.both_say()
+    agreed = _sorted_out(names, words.only(np.flatnonzero(both)), dropped)
+    pieces, alone = RigidGroups(names, agreed), words.only(np.flatnonzero(~both))
+    dropped += [*agreed.dropped, *pieces.against(alone)]
+    placed = pieces.laid(_sorted_out(pieces.names, pieces.between(alone), dropped))
+    return replace(placed, dropped=(*dropped, *placed.dropped))
+
+
+def _sorted_out(names: list[str], words: PairWords, before: Iterable[Dropped]) -> Solution:
+    """Place all nodes by what is left of the words; before: what was dropped of these authors."""
+    dropped: list[Dropped] = []
+    doubts = Counter(one.constraint.author for one in before)
     near: dict[str, Pose] = {}
     while True:
-        solution = _place(names, words, Counter(one.constraint.author for one in dropped), near)
+        solution = _place(names, words, doubts + Counter(
+            one.constraint.author for one in dropped), near)
         near = {name: pose for group in solution.groups for name, pose in group.items()}
-        dropped += solution.dropped
         wrong = Counter(one.constraint.author for one in solution.dropped)
         liars = {author for author, count in wrong.items() if author and count > CONTRADICTIONS}
-        if not liars:
-            return Solution(solution.groups, solution.covariances, tuple(dropped))
+        if not liars:      # else what was dropped of others is looked at again
+            return replace(solution, dropped=(*dropped, *solution.dropped))
         dropped += [Dropped(one, f'all that {one.author} says is left out: over '
                             f'{CONTRADICTIONS} of its pairs contradict the others')
                     for one in words.constraints if one.author in liars]
-        words = words.only([k for k, one in enumerate(words.constraints)
-                            if one.author not in liars])
+        words = words.only(np.flatnonzero([one.author not in liars
+                                           for one in words.constraints]))
 
 
-def _place(names: list[str], words: Words, wrong: Mapping[str, int],
+def _place(names: list[str], words: PairWords, wrong: Mapping[str, int],
            near: Mapping[str, Pose]) -> Solution:
     """
     Solve every connected group; stop leaving out where one author is wrong too often.
@@ -134,7 +111,7 @@ def _place(names: list[str], words: Words, wrong: Mapping[str, int],
     dropped: list[Dropped] = []
     for group in components(len(names), words.pairs) if names else ():
         members = [names[i] for i in group]
-        inside = words.only(np.flatnonzero(np.isin(words.pairs[:, 0], group)).tolist())
+        inside = words.only(np.flatnonzero(np.isin(words.pairs[:, 0], group)))
         inside = inside._replace(pairs=np.searchsorted(group, inside.pairs))
         start = (np.array([between(near[members[0]], near[name]) for name in members])
                  if near else None)
@@ -146,33 +123,11 @@ def _place(names: list[str], words: Words, wrong: Mapping[str, int],
     return Solution(tuple(groups), covariances, tuple(dropped))
 
 
-def _check(names: list[str], constraints: Sequence[MapConstraint]) -> None:
-    """Raise ValueError on constraints that no graph can hold."""
-    known = set(names)
-    for constraint in constraints:
-        if constraint.target == constraint.source or not {*constraint.robots} <= known:
-            raise ValueError(f'constraint {" - ".join(constraint.robots)} does not join two '
-                             f'robots of {names}')
-    finite = np.isfinite(_poses(constraints)).all(axis=1) & np.isfinite(
-        _covariances(constraints)).all(axis=(1, 2))
-    if not finite.all():
-        wrong = constraints[int(finite.argmin())]
-        raise ValueError(f'constraint {" - ".join(wrong.robots)} is not finite')
-
-
-def _numbered(names: Sequence[str], constraints: Sequence[MapConstraint]) -> NDArray[np.intp]:
-    """Return the node numbers (E, 2) of constraints."""
-    number = {name: k for k, name in enumerate(names)}
-    return np.array([(number[c.target], number[c.source]) for c in constraints],
-                    dtype=np.intp).reshape(-1, 2)
-
-
-def _consistent(members: list[str], words: Words, doubts: Mapping[str, int],
+def _consistent(members: list[str], words: PairWords, doubts: Mapping[str, int],
                 start: Array | None) -> tuple[Estimate, list[Dropped]]:
     """Solve one connected group, dropping constraints until the cycles agree."""
-    times = _alike(words.pairs, [c.kind for c in words.constraints])
     graph = PoseGraph(len(members), words.pairs, words.measured,
-                      words.information / times[:, None, None])
+                      words.information / words.times()[:, None, None])
     constraints, estimate = list(words.constraints), optimise(graph, start, SOLVING.rough_step)
     dropped: list[Dropped] = []
     doubted = Counter(doubts)
@@ -189,38 +144,6 @@ def _consistent(members: list[str], words: Words, doubts: Mapping[str, int],
             return estimate, dropped   # all that this author says is going to be left out
         estimate = optimise(graph, estimate.poses, SOLVING.rough_step)
     return optimise(graph, estimate.poses), dropped
-
-
-def _measured(constraints: Sequence[MapConstraint]) -> tuple[Array, Array]:
-    """Return the poses (E, 3) of constraints, and their information (E, 3, 3)."""
-    poses = _poses(constraints)
-    return poses, np.linalg.inv(with_drift(poses, _covariances(constraints)))
-
-
-def _poses(constraints: Sequence[MapConstraint]) -> Array:
-    """Return the poses (E, 3) of constraints."""
-    return np.array([c.T_target_source for c in constraints], float).reshape(-1, 3)
-
-
-def _covariances(constraints: Sequence[MapConstraint]) -> Array:
-    """Return the covariances (E, 3, 3) of constraints."""
-    return np.concatenate([np.zeros((0, 3)), *(c.covariance for c in constraints)]
-                          ).reshape(-1, 3, 3)
-
-
-def _alike(pairs: NDArray[np.intp], kinds: list[str]) -> NDArray[np.intp]:
-    """
-    Return how many constraints (E,) are of the same pair and kind; together they count as one.
-
-    Both robots of a pair match the same walls, and sightings hang on the same poses: their errors
-    are the same, so they are averaged as in covariance intersection with equal weights.
-    """
-    number = {kind: k for k, kind in enumerate(sorted(set(kinds)))}
-    low, high = np.sort(pairs, axis=1).T
-    pair = low * (pairs.max(initial=0) + 1) + high
-    same, counts = np.unique(pair * len(number) + [number[kind] for kind in kinds],
-                             return_inverse=True, return_counts=True)[1:]
-    return np.asarray(counts[same])
 
 
 def _contradicts(graph: PoseGraph, estimate: Estimate) -> bool:

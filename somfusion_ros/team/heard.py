@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from somfusion_ros.geometry import Array, between, compose, compose_jacobians, inverse, Pose
+from somfusion_ros.geometry import Array, between, compose, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.team.channels import MAP_CHANNELS
+from somfusion_ros.team.constraint import chained
+from somfusion_ros.team.shared_map import TUNING as MAP
 
 POSES_KEPT = 200
 TRAIL_KEPT = 500      # points of a trail
@@ -62,6 +64,14 @@ class TimedPose(NamedTuple):
     pose: Pose
     covariance: Array
     arrived: float = float('nan')
+
+
+def check_pose(item: TimedPose) -> None:
+    """Raise ValueError, naming what is wrong, on a pose that no robot has in its map."""
+    if not np.isfinite([*item.pose, item.stamp, *item.covariance.ravel()]).all():
+        raise ValueError('a pose, its stamp or its covariance is not finite')
+    if max(abs(item.pose.x), abs(item.pose.y)) > MAP.farthest:
+        raise ValueError(f'{item.pose.x:.3g}, {item.pose.y:.3g} is too far for a map')
 
 
 @dataclass
@@ -218,14 +228,5 @@ def from_sighting(own: TimedPose, T_base_peer: Pose, covariance: Array,
     From a sighting of the peer in the robot's own base frame, with its covariance, and the poses
     of both robots in their own maps.
     """
-    T_own_seen = compose(own.pose, T_base_peer)
-    by_own, by_seen = compose_jacobians(own.pose, T_base_peer)
-    P = by_own @ own.covariance @ by_own.T + by_seen @ covariance @ by_seen.T
-    T_peer_map = inverse(peer.pose)
-    by_first, by_second = compose_jacobians(T_own_seen, T_peer_map)
-    x, y, _ = T_peer_map
-    c, s = np.cos(peer.pose.theta), np.sin(peer.pose.theta)
-    by_pose = np.array([[-c, -s, y], [s, -c, -x], [0.0, 0.0, -1.0]])   # of the inverse
-    turned = by_second @ by_pose
-    P = by_first @ P @ by_first.T + turned @ peer.covariance @ turned.T
-    return Pose.from_array(compose(T_own_seen, T_peer_map)), (P + P.T) / 2.0
+    return chained((own.pose, own.covariance), (T_base_peer, covariance),
+                   (peer.pose, peer.covariance))

@@ -17,14 +17,14 @@ from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE, TRANSFORMS
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.heard import Heard, TimedPose
+from somfusion_ros.team.heard import check_pose, Heard, TimedPose
 from somfusion_ros.team.heard import TUNING as HEARING
 from somfusion_ros.team.hearsay import oddities
 from somfusion_ros.team.map_codec import epoch_of, MapDecoder, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
 from somfusion_ros.team.session import FusionSession
-from somfusion_ros.team.shared_map import MapCells, mark_driven, SharedMap, TUNING
+from somfusion_ros.team.shared_map import MapCells, mark_driven, SharedMap
 from somfusion_ros.team.state_codec import TeamState
 from somfusion_ros.team.unread import Unread, Waiting
 
@@ -80,8 +80,7 @@ class Inbox:
         heard.hear('pose', 0, self._clock())
         try:
             item, epoch = read()
-            if max(abs(item.pose.x), abs(item.pose.y)) > TUNING.farthest:
-                raise ValueError(f'{item.pose.x:.3g}, {item.pose.y:.3g} is too far for a map')
+            check_pose(item)
         except ValueError as error:
             self._count(f'pose_of_{robot}_unusable', str(error))
             return
@@ -165,7 +164,7 @@ class Inbox:
         if epoch is None:
             raise NotYet
         self._begin(robot, epoch)
-        return cells if self._session.take_map(robot, shared, self._clock()) else None
+        return cells if self._session.take_map(robot, shared) else None
 
     def _take_stream(self, robot: str, message: bytes) -> MapCells | None:
         """Accept a part of the stream of a map; return its cells where it changed anything."""
@@ -180,9 +179,9 @@ class Inbox:
         cells = decoder.decode(message)
         if cells is None:
             return None
+        changed = self._session.take_map(robot, _shared(cells), lent)
         self._lent.discard(robot)
         self._lent |= {robot} if lent else set()
-        changed = self._session.take_map(robot, _shared(cells), self._clock())
         return cells if changed else None
 
     def _give_back(self) -> None:
@@ -192,7 +191,7 @@ class Inbox:
             decoder = self._decoders.get(robot)
             own = None if decoder is None else decoder.own
             if own is not None and own[0] == self._session.epoch_of(robot):
-                self._session.take_map(robot, _shared(own[1]), self._clock())
+                self._session.take_map(robot, _shared(own[1]))
 
     def _take_state(self, robot: str, state: TeamState) -> None:
         """Accept what a peer accepted, unless something newer came before it."""
@@ -225,7 +224,7 @@ class Inbox:
             decoder = self._decoders.get(robot)
             newest = None if decoder is None else decoder.newest
             if newest is not None and newest[0] == epoch:   # others had told of another one
-                self._session.take_map(robot, _shared(newest[1]), self._clock())
+                self._session.take_map(robot, _shared(newest[1]))
 
 
 def _shared(cells: MapCells) -> SharedMap:

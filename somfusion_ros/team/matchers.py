@@ -17,9 +17,10 @@ from somfusion_ros.team.bonding import bond_of, rival_of
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.elastic import join
 from somfusion_ros.team.fact_reader import FactReader
-from somfusion_ros.team.graph import Solution, solve
+from somfusion_ros.team.graph import solve
 from somfusion_ros.team.joint_map import draw_joint
 from somfusion_ros.team.screening import screen, Screening
+from somfusion_ros.team.solution import Solution
 from somfusion_ros.team.view_set import ViewSet
 
 

@@ -22,12 +22,12 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.known_poses import KnownPoses
 from somfusion_ros.team.map_change import missing_walls
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.pair_history import PairHistory
 from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.solution import Solution
 from somfusion_ros.team.voices import newest, seen_elsewhere, SIGHTINGS
 
 
@@ -110,11 +110,12 @@ class Team:
                    and (robot in self.maps or robot not in self.absent)
                    for robot, epoch in zip(constraint.robots, constraint.epochs))
 
-    def update_map(self, robot: str, new: SharedMap) -> bool:
+    def update_map(self, robot: str, new: SharedMap, lent: bool = False) -> bool:
         """
         Update a robot's map; return whether it differs from the last.
 
-        Maps are compared for change, not for newer stamps. A peer's map that hardly resembles the
+        ValueError where others lend a map that hardly resembles what the robot told itself. Maps
+        are compared for change, not for newer stamps. A peer's map that hardly resembles the
         one that its accepted pose was found with is not shown before it is matched.
         """
         if robot not in self.epochs:
@@ -122,6 +123,8 @@ class Team:
         old = self.maps.get(robot)
         if old is not None and old.same_as(new):
             return False
+        if lent and old is not None and missing_walls(old.grid, new.grid) > TUNING.unlike:
+            raise ValueError('what others lend of it is unlike what it told itself')
         self.maps[robot] = new
         pair = self.pairs.get(robot)
         if (pair is None or pair.held is None or robot not in self.shown

@@ -18,8 +18,9 @@ from somfusion_ros.team.bonding import bond_of, rival_of
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.elastic import ElasticTeam, straighten
 from somfusion_ros.team.global_map import merge_grids
-from somfusion_ros.team.graph import Solution, solve
+from somfusion_ros.team.graph import solve
 from somfusion_ros.team.joint_map import draw_joint
+from somfusion_ros.team.solution import Solution
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_verdict import could_matter, judge_views, RULES
 

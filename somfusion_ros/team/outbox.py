@@ -17,7 +17,7 @@ from somfusion_ros.team.heard import TimedPose
 from somfusion_ros.team.map_codec import MapEncoder
 from somfusion_ros.team.shared_map import MapCells
 from somfusion_ros.team.snapshot import Snapshot
-from somfusion_ros.team.state_codec import encode_state, TeamState
+from somfusion_ros.team.state_codec import encode_state, fitting, TeamState
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class Outbox:
         since [ns] is the stamp from which on the robot's clusters are of its present map. Where
         robots were is told with the rest, and is no reason to tell it.
         """
-        state = TeamState(self.session, snapshot.constraints, snapshot.departed, snapshot.epoch,
-                          since, self._number)
+        state = fitting(TeamState(self.session, snapshot.constraints, snapshot.departed,
+                                  snapshot.epoch, since, self._number))
         said, at = self._said
         text = encode_state(state)
         if text == said and now - at < TUNING.heartbeat:

@@ -135,9 +135,9 @@ class FusionSession:
             self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
         return True
 
-    def take_map(self, robot: str, shared: SharedMap, now: float = 0.0) -> bool:
-        """Update a robot's map; return whether it changed anything."""
-        return self._team.update_map(robot, shared)
+    def take_map(self, robot: str, shared: SharedMap, lent: bool = False) -> bool:
+        """Update a robot's map, or what others lend of it; return whether it changed anything."""
+        return self._team.update_map(robot, shared, lent)
 
     def take_clusters(self, peer: str, clusters: Clusters) -> None:
         """Update the clusters of a peer's map."""
@@ -194,8 +194,8 @@ class FusionSession:
 
     def refresh(self, present: Collection[str] | None = None) -> Snapshot:
         """Place all maps anew by what is known now, and by who is there, if that is given."""
-        if present is not None:
-            self._departed.update(present)
+        for lie in self._departed.update(present) if present is not None else ():
+            self._say(lie)
         solution, pairs = self._team.solution(), self._team.pairs
         dropped = {(d.constraint.robots, d.constraint.kind): d.reason for d in solution.dropped}
         for new in [key for key in dropped if key not in self._dropped]:

@@ -10,8 +10,8 @@ from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobot
-from somfusion_ros.team.graph import Solution
 from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.solution import Solution
 from somfusion_ros.team.whereabouts import Whereabouts
 from somfusion_ros.team.world import anchored, anchored_covariances
 

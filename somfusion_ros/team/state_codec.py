@@ -7,6 +7,7 @@ A state says all that holds, so that what is missing in it no longer does, whate
 the way. Whatever is wrong with a document raises ValueError with one line.
 """
 
+from dataclasses import replace
 import json
 import re
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from somfusion_ros.team.shared_map import TUNING
 from somfusion_ros.team.whereabouts import read_whereabouts, record_of, Whereabouts
 
 VERSION = 2
-MAX_STATE = 1 << 18      # bytes of a state; a constraint takes a quarter of a kilobyte
+MAX_STATE = 1 << 19      # bytes of a state; a constraint takes half a kilobyte at most
 MAX_CONSTRAINTS = 256    # that one robot can have accepted
 MAX_DEPARTED = 64        # robots that are gone
 SESSION = re.compile(r'[0-9a-z]{1,32}')
@@ -46,6 +47,16 @@ class TeamState(NamedTuple):
     since: int = 0
     number: int = 0
     whereabouts: tuple[Whereabouts, ...] = ()
+
+
+def fitting(state: TeamState) -> TeamState:
+    """Leave out what others would refuse, where a robot knows more than a state can say."""
+    said = sorted(state.constraints, key=lambda one: one.kind != KINDS[0])[:MAX_CONSTRAINTS]
+    departed = state.departed[:MAX_DEPARTED]
+    room = (2 * MAX_CONSTRAINTS - len(said)) // max(1, len(departed))
+    return state._replace(constraints=tuple(said), departed=tuple(
+        replace(gone, constraints=gone.constraints[:min(room, MAX_CONSTRAINTS)])
+        for gone in departed))
 
 
 def encode_state(state: TeamState) -> str:

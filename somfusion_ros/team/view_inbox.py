@@ -10,6 +10,7 @@ from somfusion_ros.team.channels import BONDS, VIEWS
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.kept_views import decode_kept
+from somfusion_ros.team.view_store import MOST_BYTES
 
 MOST_BATCHES = 4096      # of one robot's path that wait
 
@@ -28,7 +29,11 @@ class ViewInbox:
     def keep_batch(self, robot: str, data: bytes) -> None:
         """Keep what a robot told of its path; every batch counts."""
         self._note(robot, VIEWS, data)
-        self._batches.setdefault(robot, deque(maxlen=MOST_BATCHES)).append(data)
+        waiting = self._batches.setdefault(robot, deque(maxlen=MOST_BATCHES))
+        if sum(map(len, [*waiting, data])) > MOST_BYTES:    # in one step: the worker takes some
+            self._count(f'{VIEWS}_of_{robot}_unusable', f'over {MOST_BYTES} bytes wait')
+        else:
+            waiting.append(data)
 
     def keep_bonds(self, robot: str, data: bytes) -> None:
         """Keep the bonds that a robot tells now, unless it told others since."""

@@ -286,7 +286,7 @@ def test_a_map_that_flips_between_two_buildings_is_tried_ever_more_rarely() -> N
     for second in range(400):
         grid = fake_grid(walls) if second // 2 % 2 else other
         session.begin('robot9', Epoch('2e', second // 2), float(second))
-        session.take_map('robot9', SharedMap(grid), float(second))
+        session.take_map('robot9', SharedMap(grid))
         if session.attempt(float(second)):
             tried.append(second)
     assert len(tried) < 40

@@ -151,3 +151,22 @@ def test_who_knew_a_robot_believes_no_single_other() -> None:
     assert team.epochs['d'] == Epoch()
     assert 'd' in team.maps
     assert departed.sources == {}
+
+
+def test_who_knew_a_robot_believes_no_words_and_no_map_that_contradict_it() -> None:
+    """However much of it a liar says that it knows."""
+    team, departed = memory('a', LESS, NEARBY)
+    elsewhere = fake_grid(fake_room(), T_map_walls=Pose(20.0, 20.0, 1.0))
+    lie = DepartedRobot('d', 10 ** 9, (constraint(Pose(9.0, 9.0, 1.0)),))
+    departed.hear('z', (lie,))
+    assert departed.update({'b', 'z'}) == [
+        'z says of d, which is gone, what contradicts what was heard of it']
+    assert departed.update({'b', 'z'}) == []      # it is said once
+    assert departed.sources == {}
+    assert team.heard_of('d')[0].T_target_source == NEARBY
+    departed.hear('z', (DepartedRobot('d', 10 ** 9, (constraint(NEARBY),)),))
+    departed.update({'b', 'z'})
+    assert departed.sources == {'d': 'z'}         # the words are true, the map may be another's
+    with pytest.raises(ValueError, match='unlike what it told itself'):
+        team.update_map('d', SharedMap(elsewhere), lent=True)
+    assert team.update_map('d', SharedMap(ROOM), lent=True)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, inverse, Pose
 from somfusion_ros.team import pose_graph
-from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.graph import Dropped, solve, with_drift
+from somfusion_ros.team.constraint import Dropped, MapConstraint, with_drift
+from somfusion_ros.team.graph import solve
 
 EXACT = np.eye(3) * 1e-6
 
@@ -190,3 +190,18 @@ def test_constraints_that_no_graph_can_hold_are_refused(bad: MapConstraint) -> N
 def test_drift_grows_with_the_length_of_an_constraint() -> None:
     near, far = (with_drift(Pose(x, 0, 0), np.zeros((3, 3))) for x in (1.0, 50.0))
     assert far[0, 0] > 10 * near[0, 0]
+
+
+def test_a_word_of_one_robot_lays_a_group_where_all_words_together_would() -> None:
+    """Two pairs that agree, and one robot of either that says where the other pair lies."""
+    P = np.diag([0.02, 0.05, 0.01])
+    known = [MapConstraint('a', 'b', Pose(3.0, 1.0, 0.5), P),
+             MapConstraint('c', 'd', Pose(-2.0, 4.0, 2.0), P),
+             MapConstraint('d', 'b', Pose(7.0, 1.0, -1.0), P)]
+    said = [replace(c, author=author) for c in known[:2] for author in c.robots]
+    whole, pieces = solve('abcd', known), solve('abcd', [*said, replace(known[2], author='d')])
+    for robot in 'abcd':
+        assert pieces.group_of('a')[robot] == pytest.approx(whole.group_of('a')[robot], abs=1e-9)
+        more = pieces.covariances[robot] - whole.covariances[robot]
+        assert np.linalg.eigvalsh(more)[0] > -1e-9      # it is never called better known
+        assert robot == 'd' or np.abs(more).max() < 1e-9

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.geometry import between, Pose
+from somfusion_ros.geometry import between, compose, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP, STATE
@@ -22,15 +22,15 @@ from somfusion_ros.team.constraint import MapConstraint, sane_covariance, turned
 from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
 from somfusion_ros.team.global_map import merge_grids
 from somfusion_ros.team.graph import solve
-from somfusion_ros.team.heard import Heard
+from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox
 from somfusion_ros.team.map_codec import MapEncoder
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, MOST_WALLS, SharedMap
-from somfusion_ros.team.state_codec import (decode_state, encode_state, MAX_CONSTRAINTS,
-                                            TeamState)
+from somfusion_ros.team.state_codec import (decode_state, encode_state, fitting,
+                                            MAX_CONSTRAINTS, TeamState)
 from somfusion_ros.team.voices import one_voice_each
 
 ROOM = fake_grid(fake_room())
@@ -95,7 +95,25 @@ def test_a_liar_among_64_who_all_know_one_another_ends_in_time_and_moves_nobody(
     for robot in truth.keys() - {liar}:
         assert pose_error(Pose.from_array(between(group['r01'], group[robot])),
                           between(first, truth[robot]))[0] < 0.5
-    assert {one.constraint.author for one in solution.dropped} == {liar}
+    assert liar in {one.constraint.author for one in solution.dropped}
+    assert all(liar in one.constraint.robots for one in solution.dropped)
+
+
+@pytest.mark.parametrize('off', [0.4, 5.0])
+@pytest.mark.parametrize('liars', [1, 2, 9])
+def test_no_number_of_liars_moves_two_robots_that_say_the_same(liars: int, off: float) -> None:
+    """They agree with one another, and say of robot b that it lies aside: a little, or far."""
+    T, names = Pose(3.0, 1.0, 0.5), [f'liar{k}' for k in range(liars)]
+    honest = [MapConstraint('a', 'b', T, GOOD, 0.95, author=author) for author in 'ab']
+    there = {'a': Pose(), 'b': Pose.from_array(compose(T, (off, 0.0, 0.0))),
+             **dict.fromkeys(names, Pose(1.0, 1.0, 0.0))}
+    said = [MapConstraint(liar, other, Pose.from_array(between(there[liar], there[other])), GOOD,
+                          1.0, author=liar) for liar in names for other in there if other != liar]
+    alone, solution = solve('ab', honest), solve(there, honest + said)
+    assert solution.group_of('a')['b'] == alone.group_of('a')['b']
+    assert off > 1.0 or {*names} <= solution.group_of('a').keys()
+    assert all(one.constraint.author in names for one in solution.dropped)
+    assert solution.dropped or off < 1.0
 
 
 def test_1750_ghosts_are_nobody() -> None:
@@ -162,7 +180,7 @@ def test_a_constraint_turned_twice_says_the_same(x: float, y: float, theta: floa
 
 @pytest.mark.parametrize('bad', [
     np.zeros((3, 3)), -GOOD, np.full((3, 3), np.nan), np.diag([1e9, 1.0, 1.0]),
-    np.diag([1.0, 1.0, 1e4]), np.ones((3, 3)), np.eye(2),
+    np.diag([1.0, 1.0, 1e4]), np.ones((3, 3)), np.eye(2), 5e-324 * np.eye(3),
     np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1]]),
     np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1.0]])])
 def test_covariances_that_are_none_are_refused(bad: np.ndarray) -> None:
@@ -312,6 +330,50 @@ def test_the_memory_of_a_peer_has_a_bound_that_it_cannot_pass() -> None:
     tracemalloc.stop()
     assert 6 * MEGABYTE < held < 12 * MEGABYTE      # it is reached, and not passed
     assert session.epoch_of('z') == Epoch('2e')
+
+
+@pytest.mark.parametrize('x, stamp, variance', [
+    (np.nan, 1.0, 1.0), (np.inf, 1.0, 1.0), (1e300, 1.0, 1.0), (0.0, np.nan, 1.0),
+    (0.0, -np.inf, 1.0), (0.0, 1.0, np.nan)])
+def test_a_pose_that_is_none_is_counted_and_noted_nowhere(x: float, stamp: float, variance: float
+                                                          ) -> None:
+    """Were it told in turn as where that robot was, nobody could read the honest robot's state."""
+    clock, counts = [0.0], []
+    inbox, session = station(counts, clock)
+    inbox.heard['z'] = Heard()
+    inbox.keep('z', STATE, state(1), 0, decode_state)
+    inbox.drain()
+    here = TimedPose(1.0, Pose(), GOOD)
+    inbox.keep_pose('a', lambda: (here, None))
+    bad = TimedPose(stamp, Pose(x, 0.0, 0.0), variance * GOOD)
+    inbox.keep_pose('z', lambda: (bad, Epoch('2e')))
+    assert counts == ['pose_of_z_unusable']
+    assert not inbox.heard['z'].poses
+    assert session.refresh({'z'}).whereabouts == ()
+    inbox.keep_pose('z', lambda: (here, Epoch('2e')))
+    assert session.refresh({'z'}).whereabouts
+
+
+def test_what_a_robot_knows_always_fits_into_its_state() -> None:
+    """Of robots that are gone and had said much, as of a liar's ghosts, what counts is told."""
+    team = Team('a')
+    team.update_map('a', SharedMap(ROOM))
+    for robot in ('b', 'c', 'd'):
+        team.update_map(robot, SharedMap(ROOM))
+        team.hear(robot, [MapConstraint(robot, f'g{k}', Pose(), GOOD) for k in range(250)]
+                  + [MapConstraint('a', robot, Pose(), GOOD)])
+    gone = DepartedRobots(team)
+    gone.update(())
+    assert [robot.constraints[0].robots for robot in gone.known] == [('a', n) for n in 'bcd']
+    many = tuple(MapConstraint('a' * 64, f'{k:064}'.replace('0', 'b'), Pose(1.0 / 3, 1.0 / 7, 0.1),
+                               GOOD, 1.0 / 3, kind, (Epoch('z' * 32, 10 ** 8), Epoch('z' * 32)))
+                 for k in range(300) for kind in ('match', 'sighting'))
+    told = decode_state(encode_state(fitting(TeamState('ab12', many, tuple(
+        DepartedRobot(f'g{k}', 9, many) for k in range(70))))))
+    assert len(told.constraints) == MAX_CONSTRAINTS
+    assert {one.kind for one in told.constraints} == {'match'}
+    assert len(told.departed) == 64
+    assert all(one.constraints for one in told.departed)
 
 
 def test_a_map_that_is_late_does_not_replace_a_newer_one() -> None:

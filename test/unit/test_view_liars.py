@@ -79,6 +79,20 @@ def test_a_flood_of_facts_is_refused_before_it_is_read() -> None:
     assert store.bytes <= 88 * (FEW[LOOP] + EACH[LOOP])
 
 
+def test_views_that_wait_are_bounded_in_bytes() -> None:
+    """However fast and large they come while the worker is busy."""
+    counts: list[str] = []
+    inbox = ViewInbox(ElasticSession('a', lambda: 0.0), {},
+                      lambda kind, reason='': counts.append(kind), lambda: 0.0)
+    for _ in range(60):
+        inbox.keep_batch('z', bytes(10 ** 6))
+    assert counts == 20 * ['views_of_z_unusable']      # what waits is 40 MB
+    inbox.drain()
+    inbox.keep_batch('z', bytes(10 ** 6))
+    inbox.drain()
+    assert len(counts) == 61       # all others are no views, and there is room again
+
+
 def test_beams_are_counted_before_they_are_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
     data = batches(bent_team()[0]['robot1'], EPOCHS['robot1'])[0]
     facts = [fact for fact in decode_batch(data)[2] if fact.beams]

@@ -26,11 +26,12 @@ from somfusion_ros.simulation.chaos.memory import Memory, RememberingReader
 from somfusion_ros.team.bond import Bond
 from somfusion_ros.team.bond_codec import ToldBond
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.graph import Solution, solve
+from somfusion_ros.team.graph import solve
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.screening import outline, screen, Screening
 from somfusion_ros.team.session import FusionSession
+from somfusion_ros.team.solution import Solution
 from somfusion_ros.team.state_codec import decode_state, TeamState
 from somfusion_ros.team.view_set import ViewSet
 
