@@ -6,7 +6,6 @@ Bonds on the way: a robot replaces all that it told before, so that what is olde
 A message names the session, which is new with every start, and a number that grows in it.
 """
 
-from collections import deque
 import struct
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ VERSION = 1
 HEAD = struct.Struct('<BBI')      # version, letters of the session, number
 MOST_LETTERS = 32                 # of a session
 SESSIONS_KEPT = 8                 # of a robot
+LARGEST = 1 << 20                 # bytes of a message; 64 bonds of 256 matches take a quarter
 
 
 class BondMessage(NamedTuple):
@@ -31,7 +31,7 @@ class BondMessage(NamedTuple):
     @classmethod
     def decode(cls, data: bytes) -> 'BondMessage':
         """Unpack a message; ValueError where its head is damaged."""
-        if len(data) < HEAD.size:
+        if not HEAD.size <= len(data) <= LARGEST:
             raise ValueError(f'a message of bonds has {len(data)} bytes')
         version, letters, number = HEAD.unpack_from(data)
         at = HEAD.size + letters
@@ -61,19 +61,35 @@ class BondTeller:
 
 
 class BondHearer:
-    """Knows which of a robot's messages are newer than all that came before."""
+    """
+    Keeps the newest message of each of a robot's last sessions.
+
+    Which of them counts its state says: a session may come back, after another robot had spoken
+    under the name for a while, and a message may be late, of one that ended.
+    """
 
     def __init__(self) -> None:
-        self._sessions: dict[str, deque[str]] = {}
-        self._numbers: dict[str, int] = {}
+        self._newest: dict[str, dict[str, BondMessage]] = {}
+        self._taken: dict[str, BondMessage] = {}
 
-    def newer(self, robot: str, message: BondMessage) -> bool:
-        """Return whether a message begins a new session, or is newer than those of the present."""
-        sessions = self._sessions.setdefault(robot, deque(maxlen=SESSIONS_KEPT))
-        if message.session in sessions and (
-                message.session != sessions[-1] or message.number <= self._numbers[robot]):
-            return False
-        if message.session not in sessions:
-            sessions.append(message.session)
-        self._numbers[robot] = message.number
-        return True
+    def keep(self, robot: str, message: BondMessage) -> None:
+        """Keep a message, unless a newer one of its session came before."""
+        sessions = self._newest.setdefault(robot, {})
+        before = sessions.get(message.session)
+        if before is None or message.number > before.number:
+            sessions[message.session] = message
+        for ended in list(sessions)[:-SESSIONS_KEPT]:
+            sessions.pop(ended, None)
+
+    def take(self, robot: str, session: str) -> bytes | None:
+        """Return the bonds of a session, of the last that began if it is ''; None if taken."""
+        sessions = self._newest.get(robot, {})
+        message = sessions.get(session or ''.join(list(sessions)[-1:]))
+        if message is None or message is self._taken.get(robot):
+            return None
+        self._taken[robot] = message
+        return message.bonds
+
+    def robots(self) -> list[str]:
+        """Return the robots of which a message came."""
+        return list(self._newest)

@@ -7,7 +7,8 @@ A robot that left, died or is out of reach has mapped something and joined maps.
 the others so, and hands its map on when asked. Where the words differ on which map it had, the
 one that most robots name counts; who knew it itself believes no single other, and no words that
 contradict what it heard. Of those who knew that map, the one that knows most of it counts, then
-the one whose name sorts first, so that all agree. A robot of whose map nothing is left is forgotten.
+the one whose name sorts first, so that all agree. A robot of whose map nothing is left is
+forgotten.
 """
 
 from collections.abc import Collection, Mapping
@@ -117,7 +118,7 @@ class DepartedRobots:
                 if owner != self._team.name and not asked[2]:
                     continue
             kept.append((owner, gone))
-        return kept
+        return kept or said      # of a robot whose map never came, there may be others' words only
 
     def _cells(self, robot: str) -> int:
         """Count the known cells of a robot's map, once per map."""

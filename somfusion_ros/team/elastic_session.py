@@ -7,7 +7,7 @@ It has no say in who belongs together: verdicts on the grids, weighed with the v
 Where the views of a robot did not come, as of one with another SLAM, its map is laid rigidly.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,15 +16,13 @@ from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import Array, between, compose, inverse, Pose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.bond import Bond
-from somfusion_ros.team.bond_codec import encode_bonds, told, ToldBond
-from somfusion_ros.team.elastic import astray
+from somfusion_ros.team.bond_codec import encode_bonds
 from somfusion_ros.team.gliding import Glide
 from somfusion_ros.team.joint_drawing import JointDrawing
-from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.kept_views import encode_kept
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.shared_map import SharedMap
+from somfusion_ros.team.told_bonds import Epochs, Pairs, ToldBonds
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import ViewStore
 from somfusion_ros.team.view_verdict import could_matter, judge_views, RULES
@@ -43,11 +41,12 @@ class LiveTuning:
     soonest: float = tuned(2.0, 's', 'between two solutions', 'by design')
     astray: float = tuned(4.0, 'm', 'from where the accepted pairs have the maps, in the median, '
                           'a bond counts for nothing; honest maps bend by up to 2 m', 'by design')
+    misplaced: float = tuned(1.0, 'm', 'from where the own views match a peer, in the median, its '
+                             'bond is false; the same place, as of two bonds', 'by design')
 
 
 TUNING = LiveTuning()
 MOST_ROBOTS = 64
-Epochs = Mapping[str, Epoch]
 
 
 class ElasticSession:
@@ -58,9 +57,8 @@ class ElasticSession:
                  matchers: Matchers = Matchers()) -> None:
         self._name, self._clock, self._matchers = name, clock, matchers
         self._stores: dict[str, ViewStore] = {}
-        self._own: dict[str, ToldBond] = {}
-        self._heard: dict[str, list[ToldBond]] = {}
-        self._glide = Glide(say)
+        self._bonds = ToldBonds(name, matchers.reader)
+        self._say, self._glide = say, Glide(say)
         self._solved_for: Any = None
         self._joined: Any = None
         self._anchor, self.solutions = '', 0
@@ -70,7 +68,6 @@ class ElasticSession:
         self._drawing = JointDrawing(TUNING.resolution, TUNING.share, clock, matchers.draw, say,
                                      name)
         self._solved_views: dict[str, ViewSet] = {}
-        self._last_heard: dict[str, bytes] = {}
         self._due = self._whole_due = 0.0
 
     def take_views(self, robot: str, batch: bytes) -> bool:
@@ -81,13 +78,11 @@ class ElasticSession:
 
     def take_bonds(self, author: str, data: bytes) -> None:
         """Replace the bonds that a peer tells; ValueError where they are unusable."""
-        if data != self._last_heard.get(author):     # it is repeated now and then
-            self._heard[author] = self._matchers.reader.bonds(data, author)
-            self._last_heard[author] = data
+        self._bonds.take(author, data)
 
     def own_bonds(self) -> bytes:
         """Return the bonds that this robot tells."""
-        return self._last_heard.get(self._name) or encode_bonds(())
+        return self._bonds.bytes_of(self._name) or encode_bonds(())
 
     def bytes_of(self, robot: str) -> int:
         """Return how many bytes a robot told of its path."""
@@ -96,7 +91,7 @@ class ElasticSession:
     def kept(self, robot: str) -> bytes:
         """Return all that a robot told, as those who come later get it; empty if nothing."""
         batches = self._stores[robot].batches if robot in self._stores else []
-        return encode_kept(batches, self._last_heard.get(robot, b'')) if batches else b''
+        return encode_kept(batches, self._bonds.bytes_of(robot)) if batches else b''
 
     def weigh(self, peer: str, verdict: Alignment, epochs: Epochs, confidence: float) -> Alignment:
         """
@@ -113,16 +108,22 @@ class ElasticSession:
         if verdict.runner_up is not None and verdict.probability < RULES.clear:
             rival = self._matchers.rival(bond, views, verdict.runner_up.T_target_source)
         judged = judge_views(verdict, bond, rival, confidence)
-        self._keep(peer, bond, judged.accepted, epochs)
+        self._bonds.keep(peer, bond, judged.accepted, epochs)
         return judged
 
-    def _keep(self, peer: str, bond: Bond, accepted: bool, epochs: Epochs) -> None:
-        """Keep a bond that holds where this robot is the one that tells it."""
-        self._own.pop(peer, None)
-        if bond.holds and accepted and bond.target == self._name:
-            self._own[peer] = told(bond, (epochs[bond.target], epochs[bond.source]))
-        self.take_bonds(self._name, encode_bonds(       # as the peers will read it
-            [self._own[name] for name in sorted(self._own)]))
+    def refute(self, T_own_peer: Mapping[str, Pose], epochs: Epochs) -> tuple[str, ...]:
+        """Return the peers that this robot accepts, and whose bonds its own views contradict."""
+        before = self._bonds.refuted.get(self._name, ())
+        found = self._bonds.refute(self.views_of((self._name, *T_own_peer), epochs), T_own_peer,
+                                   epochs, TUNING.misplaced)
+        for peer in sorted(found.keys() - before):
+            self._say(f'{peer} tells matches of views that are {found[peer]:.1f} m from where '
+                      f'those of {self._name} match')
+        return tuple(sorted(found))
+
+    def hear_refuted(self, owner: str, peers: Collection[str]) -> None:
+        """Replace the peers whose bonds with it a robot calls false."""
+        self._bonds.refuted[owner] = frozenset(peers)
 
     def views_of(self, robots: tuple[str, ...], epochs: Epochs) -> dict[str, ViewSet]:
         """Return the views of those robots that told them of their present maps."""
@@ -135,18 +136,17 @@ class ElasticSession:
                     found[robot] = views
         return found
 
-    def update(self, world: Mapping[str, Pose], epochs: Epochs, anchor: str) -> None:
+    def update(self, world: Mapping[str, Pose], epochs: Epochs, anchor: str,
+               accepted: Pairs | None = None) -> None:
         """
         Solve the team's problem where something is new and it is time to.
 
         world: T_world_map by robot of the connected group, as the verdicts have it; epochs: which
-        map every robot has now; anchor: the robot whose map stays, at best, where it is.
+        map every robot has now; anchor: the robot whose map stays, at best, where it is; accepted:
+        which robot accepts its pair with which other one, without which no bond counts.
         """
         views = self.views_of(tuple(sorted(world)), epochs)
-        bonds = [bond for bonds in self._heard.values() for bond in bonds
-                 if {bond.target, bond.source} <= views.keys()
-                 and bond.epochs == (epochs[bond.target], epochs[bond.source])
-                 and _known(bond.matches, views) and astray(views, world, bond) < TUNING.astray]
+        bonds = self._bonds.counting(views, world, epochs, accepted, TUNING.astray)
         if len(views) < 2 or not bonds:
             self._glide.aim({}, None)
             self._solved_for = None
@@ -242,9 +242,3 @@ class ElasticSession:
     def shown(self) -> dict[str, ViewSet]:
         """Views that lie in the solution, by robot."""
         return dict(self._solved_views) if self._glide.shown else {}
-
-
-def _known(matches: tuple[InterMatch, ...], views: Mapping[str, ViewSet]) -> bool:
-    """Return whether all views that matches join have come."""
-    return bool(matches) and all(m.target_view < len(views[m.target])
-                                 and m.source_view < len(views[m.source]) for m in matches)

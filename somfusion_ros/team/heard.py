@@ -217,7 +217,12 @@ def same_time(one: TimedPose, other: TimedPose) -> bool:
 
     Both came after as long, unless a clock is ahead, behind or was set, or one came late.
     """
-    return bool(abs((one.arrived - one.stamp) - (other.arrived - other.stamp)) <= TUNING.stepped)
+    return bool(_clocks_apart(one, other) <= TUNING.stepped)
+
+
+def _clocks_apart(one: TimedPose, other: TimedPose) -> float:
+    """Return by how much [s] the times may differ of two poses of one stamp; nan if unknown."""
+    return abs((one.arrived - one.stamp) - (other.arrived - other.stamp))
 
 
 def from_sighting(own: TimedPose, T_base_peer: Pose, covariance: Array,
@@ -226,7 +231,10 @@ def from_sighting(own: TimedPose, T_base_peer: Pose, covariance: Array,
     Return T_own_peer of two map frames and its covariance (3, 3).
 
     From a sighting of the peer in the robot's own base frame, with its covariance, and the poses
-    of both robots in their own maps.
+    of both robots in their own maps. Where clocks may differ, the peer may have moved meanwhile.
     """
+    apart = _clocks_apart(own, peer)
+    if apart > 0.0:
+        peer = _less_sure(peer, TUNING.speed * apart, TUNING.speed * apart)
     return chained((own.pose, own.covariance), (T_base_peer, covariance),
                    (peer.pose, peer.covariance))

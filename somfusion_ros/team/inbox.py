@@ -44,17 +44,23 @@ class NotYet(Exception):
 
 
 class Inbox:
-    """Keeps the newest of everything, and hands it to the session."""
+    """
+    Keeps the newest of everything, and hands it to the session.
+
+    Clocks [s]: a steady one, and the one that stamps messages, which is not always known.
+    """
 
     def __init__(self, name: str, session: FusionSession, max_cells: int,
-                 count: Callable[..., None], clock: Callable[[], float]) -> None:
+                 count: Callable[..., None], clock: Callable[[], float],
+                 stamps: Callable[[], float] = lambda: float('nan')) -> None:
         self.heard: dict[str, Heard] = {}
         self.plain = PlainEpochs()
         self.name, self._session, self._max_cells = name, session, max_cells
-        self._count, self._clock = count, clock
+        self._count, self._clock, self._stamps = count, clock, stamps
         self._unread = Unread()
         self._decoders: dict[str, MapDecoder] = {}
         self._lent: set[str] = set()     # robots whose map others have told
+        self._gone: list[str] = []       # who is heard no more, for the worker to forget
         self._since: dict[str, int] = {}
         self._path: list[tuple[float, float]] | None = None
 
@@ -92,13 +98,15 @@ class Inbox:
                 self._session.presence.hear(robot, item, self.heard[self.name], self._clock())
 
     def _compare_clocks(self, robot: str, stamp: float) -> None:
-        """Count a peer's clock that is ahead of the robot's own, and a pose that comes late."""
+        """Count a peer's clock that is ahead of the robot's own, and poses that come late."""
         own, now = self.heard[self.name], self._clock()
         late, ahead = -own.after(stamp, now), own.future(stamp, now)
         self.heard[robot].late = late
         if late > HEARING.tardy:
             self._count(f'pose_of_{robot}_late', f'by {late:.1f} s: a slow network, or its clock')
-        if ahead:
+        if ahead and stamp <= self._stamps() + HEARING.ahead:
+            self._count(f'pose_of_{self.name}_late', f'by {ahead:.1f} s: the own SLAM is slow')
+        elif ahead:
             self._count(f'clock_of_{robot}_ahead', f'by {ahead:.1f} s: it was set, or drifts')
 
     def keep_transform(self, owner: str, peer: str, message: Any,
@@ -115,10 +123,13 @@ class Inbox:
         self._lent.discard(robot)
         self.plain.forget(robot)
         self._session.presence.forget(robot)
+        self._gone.append(robot)
 
     def drain(self) -> MapCells | None:
         """Hand all that came to the session; return the robot's own map where it changed."""
         own: MapCells | None = None
+        while self._gone:
+            self._session.forget(self._gone.pop())
         for robot, epoch, keep_map in self.plain.changed(self._clock()):
             self._begin(robot, epoch, keep_map)
         self._give_back()
@@ -208,14 +219,14 @@ class Inbox:
         if state.epoch is not None:
             self._begin(robot, state.epoch)
         self._since[robot] = state.since
-        self._session.take_state(robot, state.constraints, state.departed, state.whereabouts)
+        self._session.take_state(robot, state)
 
     def _take_clusters(self, robot: str, content: TimedClusters) -> None:
         """Accept the clusters of a peer's present map."""
         if robot not in self._since:
             raise NotYet
         if content.stamp >= self._since[robot]:
-            self._session.take_clusters(robot, content.clusters)
+            self._session.scouting.update(robot, content.clusters)
 
     def _begin(self, robot: str, epoch: Epoch, keep_map: bool = False) -> None:
         """Note which map a robot has; where it is another one, its old poses are nowhere."""

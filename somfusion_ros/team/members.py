@@ -47,9 +47,8 @@ class Team:
     """
     One robot's knowledge of its team.
 
-    epochs: which map every robot has now, or had last; absent: robots that are not there; begun:
-    how many maps each began after its first; maps: the newest of every robot; shown: those to
-    draw.
+    epochs: which map every robot has now, or had last; absent: who is gone; begun: how many maps
+    each began after its first; maps: the newest; shown: those to draw; known: the user's word.
     """
 
     def __init__(self, name: str, minimum_change: float = 0.1,
@@ -63,7 +62,7 @@ class Team:
         self.maps: dict[str, SharedMap] = {}
         self.shown: dict[str, SharedMap] = {}
         self.pairs: dict[str, PairHistory] = {}
-        self._known = KnownPoses(known_poses or {})
+        self.known = KnownPoses(known_poses or {})
         self._heard: dict[str, tuple[MapConstraint, ...]] = {}
         self._sighted: dict[str, deque[MapConstraint]] = {}
         self._solved = Solution((), {})
@@ -79,7 +78,7 @@ class Team:
         """
         old = self.epochs.get(robot)
         self.epochs[robot] = epoch
-        self._known.bind(robot, epoch)
+        self.known.bind(robot, epoch)
         if old is None or old == epoch:
             return False
         self.begun[robot] += 1
@@ -114,8 +113,8 @@ class Team:
         """
         Update a robot's map; return whether it differs from the last.
 
-        ValueError where others lend a map that hardly resembles what the robot told itself. Maps
-        are compared for change, not for newer stamps. A peer's map that hardly resembles the
+        ValueError where others lend one that is unlike what it told itself. Maps are compared for
+        change, not for newer stamps. A peer's map that hardly resembles the
         one that its accepted pose was found with is not shown before it is matched.
         """
         if robot not in self.epochs:
@@ -136,7 +135,7 @@ class Team:
         """Return robots whose map can be matched with the robot's own, the least tried first."""
         if self.name not in self.maps:
             return []
-        known = self._known.holding(self.epochs)
+        known = self.known.holding(self.epochs)
         return sorted(self.maps.keys() - {self.name, *(known if self.name in known else ())},
                       key=lambda peer: (self._pair(peer).attempts, peer))
 
@@ -185,6 +184,12 @@ class Team:
         return constraints + [self._match(peer, pair.held, pair.probability)
                               for peer, pair in self.pairs.items() if pair.held is not None]
 
+    def accepted(self) -> set[tuple[str, str]]:
+        """Return which robots accept, of the present maps, their pair with which other one."""
+        said = [c for words in (self.own_constraints(), *self._heard.values()) for c in words]
+        return {(c.author, other) for c in said if self.counts(c)
+                for other in c.robots if other != c.author}
+
     def seen_elsewhere(self, peer: str, alignment: Alignment) -> bool:
         """Return whether sightings that agree contradict an accepted alignment with a peer."""
         return seen_elsewhere(self._match(peer, alignment, alignment.probability),
@@ -206,8 +211,8 @@ class Team:
 
     def solution(self) -> Solution:
         """Place every robot's map by all that counts now."""
-        known = self._known.holding(self.epochs)
-        constraints = self._known.constraints(self.epochs) + [
+        known = self.known.holding(self.epochs)
+        constraints = self.known.constraints(self.epochs) + [
             c for c in (*self.own_constraints(), *(c for said in self._heard.values()
                                                    for c in said))
             if self.counts(c) and not {*c.robots} <= known.keys()]
@@ -219,16 +224,12 @@ class Team:
             self._solved_for = key
         return self._solved
 
-    def lapsed(self) -> list[str]:
-        """Return the robots whose known pose was given for a map that they no longer have."""
-        return self._known.lapsed(self.epochs)
-
     def reset(self) -> None:
         """Forget all verdicts; maps stay, and known poses are those of the maps of now."""
         self.pairs.clear()
         self._heard.clear()
         self._sighted.clear()
-        self._known.rebind(self.epochs)
+        self.known.rebind(self.epochs)
 
     def _forget_constraints(self, robot: str, back: bool = False) -> None:
         """Forget what the robot itself found of a robot's map; reconsider it if it went back."""

@@ -54,7 +54,8 @@ class Outbox:
         robots were is told with the rest, and is no reason to tell it.
         """
         state = fitting(TeamState(self.session, snapshot.constraints, snapshot.departed,
-                                  snapshot.epoch, since, self._number))
+                                  snapshot.epoch, since, self._number,
+                                  refuted=snapshot.refuted))
         said, at = self._said
         text = encode_state(state)
         if text == said and now - at < TUNING.heartbeat:

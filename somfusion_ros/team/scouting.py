@@ -57,6 +57,11 @@ class Scouting:
         known = self._peers.setdefault(peer, _Peer(clusters))
         known.clusters, known.fresh = clusters, True
 
+    def forget(self, peer: str) -> None:
+        """Forget a peer that is gone."""
+        self._peers.pop(peer, None)
+        self.likely.discard(peer)
+
     def look_again(self, peer: str) -> None:
         """Compare with a peer's clusters anew: its map is another one, and they may be of that."""
         if peer in self._peers:

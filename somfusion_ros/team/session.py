@@ -7,12 +7,11 @@ Nothing here knows a message or a clock; all of it runs in one worker thread. Wh
 need is handed out as snapshots that never change.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from somfusion_ros.fusion.cache import FusionCache
-from somfusion_ros.fusion.clusters import Clusters
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
@@ -22,7 +21,7 @@ from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
+from somfusion_ros.team.departed import DepartedRobots
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.global_drawing import GlobalDrawing
 from somfusion_ros.team.heard import Heard
@@ -34,7 +33,7 @@ from somfusion_ros.team.presence import impossible, Presence
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.snapshot import Snapshot
-from somfusion_ros.team.whereabouts import Whereabouts
+from somfusion_ros.team.state_codec import TeamState
 from somfusion_ros.team.words import begun, sentence
 from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
 
@@ -62,8 +61,7 @@ class FusionSession:
     """
     One robot's team, its verdicts and its global map.
 
-    elastic: what views add; path (n, 3): the robot's own views in its own map as it is now, where
-    that is known.
+    elastic: what views add; path (n, 3): the own views in the own map as it is now, if known.
     """
 
     def __init__(self, name: str, config: TeamConfig, fusion: FusionConfig,
@@ -76,7 +74,7 @@ class FusionSession:
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else {},
                           matchers)
         self._departed = DepartedRobots(self._team)
-        self._scouting = Scouting(config.minimum_change, self._cache, matchers)
+        self.scouting = Scouting(config.minimum_change, self._cache, matchers)
         self._looked: dict[str, float] = {}
         self._words: dict[str, str] = {}
         self._dropped: set[tuple[tuple[str, str], str]] = set()
@@ -124,13 +122,13 @@ class FusionSession:
         pause = min(TUNING.first_pause * 2.0 ** min(before, MOST_DOUBLINGS),
                     TUNING.longest_return if back else TUNING.longest_pause) if before else 0.0
         self._looked[robot] = now + pause
-        self._scouting.look_again(robot)
+        self.scouting.look_again(robot)
         self.presence.forget(None if robot == self._name else robot)
         for peer in [] if back else self._jumps.peers() if robot == self._name else [robot]:
             self._jumps.forget(peer)
             self._words.pop(peer, None)
         self._say(begun(robot, str(epoch), before + 1, pause, back))
-        for lapsed in sorted(set(self._team.lapsed()) - self._lapsed):
+        for lapsed in sorted(set(self._team.known.lapsed(self._team.epochs)) - self._lapsed):
             self._lapsed.add(lapsed)
             self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
         return True
@@ -139,17 +137,12 @@ class FusionSession:
         """Update a robot's map, or what others lend of it; return whether it changed anything."""
         return self._team.update_map(robot, shared, lent)
 
-    def take_clusters(self, peer: str, clusters: Clusters) -> None:
-        """Update the clusters of a peer's map."""
-        self._scouting.update(peer, clusters)
-
-    def take_state(self, owner: str, constraints: Iterable[MapConstraint],
-                   departed: tuple[DepartedRobot, ...],
-                   whereabouts: tuple[Whereabouts, ...] = ()) -> None:
+    def take_state(self, owner: str, state: TeamState) -> None:
         """Replace all that a peer accepts, and what it knows of robots; note where they were."""
-        self.presence.believe(owner, self._name, whereabouts)
-        self._team.hear(owner, constraints)
-        self._departed.hear(owner, departed)
+        self.presence.believe(owner, self._name, state.whereabouts)
+        self._team.hear(owner, state.constraints)
+        self._departed.hear(owner, state.departed)
+        self.elastic.hear_refuted(owner, state.refuted)
 
     def add_constraint(self, owner: str, constraint: MapConstraint) -> None:
         """Add one pair that a peer accepted, beside those that it told before."""
@@ -180,7 +173,7 @@ class FusionSession:
                      if now - self._looked.get(peer, -np.inf) >= period
                      and self._look(peer, now, force)), None)
         if peer is None:
-            return self._scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
+            return self.scouting.look(self.own_grid, self.snapshot.wanted, self.fusion, now)
         target, source = self._team.grids_of(peer)
         found = self._matchers.align(target, source, self.fusion, self._cache)
         why = self.presence.why_not(peer, found, self._team)
@@ -202,6 +195,7 @@ class FusionSession:
             self._say(dropped[new])
         self._dropped = set(dropped)
         group, anchor = solution.group_of(self._name), self._config.world_anchor
+        refuted = self.elastic.refute(self._team.own_transforms(), self._team.epochs)
         placed = self._bent(anchored(group, anchor), anchor_of(group, anchor))
         self._world.look(placed, anchor_of(group, anchor))
         self.snapshot = Snapshot(
@@ -210,19 +204,19 @@ class FusionSession:
             {peer: pair.last for peer, pair in pairs.items() if pair.last is not None},
             dict(self._words),
             frozenset({peer for peer, pair in pairs.items() if pair.settled}
-                      | self._scouting.unlikely - self._team.maps.keys()),
-            frozenset(self._scouting.likely | group.keys() - {self._name}),
+                      | self.scouting.unlikely - self._team.maps.keys()),
+            frozenset(self.scouting.likely | group.keys() - {self._name}),
             self._departed.known,
             self._departed.maps(), dict(self._departed.sources), self._jumps.count, anchor,
             self._world.changes,
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
             self._team.epochs.get(self._name), dict(self._team.begun), placed,
-            self.presence.whereabouts(self._name, self._team.epochs))
+            self.presence.whereabouts(self._name, self._team.epochs), refuted)
         return self.snapshot
 
     def _bent(self, world: dict[str, Pose], anchor: str) -> dict[str, Pose]:
         """Return T_world_map by robot, where views tell more than the verdicts with them."""
-        self.elastic.update(world, self._team.epochs, anchor)
+        self.elastic.update(world, self._team.epochs, anchor, self._team.accepted())
         places = self.elastic.places(self.path)
         return {robot: places.get(robot, pose) for robot, pose in world.items()}
 
@@ -231,16 +225,20 @@ class FusionSession:
         shown, world = self._team.shown, self.snapshot.world(self._name)
         bent = self.elastic.draw()
         if bent is not None:
-            rigid = {robot: pose for robot, pose in world.items()
-                     if robot not in self.elastic.solved}
+            rigid = {name: T for name, T in world.items() if name not in self.elastic.solved}
             shown, world = {**shown, ELASTIC: bent}, {**rigid, ELASTIC: Pose()}
         return self._drawing.draw(shown, world, self._name, self.snapshot.own_transforms)
+
+    def forget(self, robot: str) -> None:
+        """Forget how a robot stood with this one, which is heard no more; its map may stay."""
+        self._looked.pop(robot, None)
+        self._words.pop(robot, None)
+        self.scouting.forget(robot)
 
     def reset(self) -> None:
         """Forget all verdicts and begin again."""
         self._team.reset()
-        self._looked.clear()
-        self._words.clear()
+        self._looked, self._words = {}, {}
         self.refresh()
 
     def _look(self, peer: str, now: float, force: bool) -> bool:

@@ -37,7 +37,8 @@ class TeamState(NamedTuple):
 
     session changes whenever the node is started, number grows with every state of a session.
     epoch: which map the robot has now, None where it has none; since: stamp [ns] from which on its
-    clusters are of that map. whereabouts: where it was when others were where.
+    clusters are of that map. whereabouts: where it was when others were where. refuted: the robots
+    whose bonds with it contradict its own views.
     """
 
     session: str
@@ -47,6 +48,7 @@ class TeamState(NamedTuple):
     since: int = 0
     number: int = 0
     whereabouts: tuple[Whereabouts, ...] = ()
+    refuted: tuple[str, ...] = ()
 
 
 def fitting(state: TeamState) -> TeamState:
@@ -54,7 +56,8 @@ def fitting(state: TeamState) -> TeamState:
     said = sorted(state.constraints, key=lambda one: one.kind != KINDS[0])[:MAX_CONSTRAINTS]
     departed = state.departed[:MAX_DEPARTED]
     room = (2 * MAX_CONSTRAINTS - len(said)) // max(1, len(departed))
-    return state._replace(constraints=tuple(said), departed=tuple(
+    return state._replace(constraints=tuple(said), refuted=state.refuted[:MAX_DEPARTED],
+                          departed=tuple(
         replace(gone, constraints=gone.constraints[:min(room, MAX_CONSTRAINTS)])
         for gone in departed))
 
@@ -68,7 +71,8 @@ def encode_state(state: TeamState) -> str:
         'departed': [{'robot': gone.robot, 'epoch': str(gone.epoch), 'known': gone.known,
                       'constraints': [_record(constraint) for constraint in gone.constraints]}
                      for gone in state.departed],
-        'whereabouts': [record_of(told) for told in state.whereabouts]})
+        'whereabouts': [record_of(told) for told in state.whereabouts],
+        'refuted': state.refuted})
 
 
 def decode_state(text: str) -> TeamState:
@@ -97,7 +101,15 @@ def _state(record: dict[str, Any]) -> TeamState:
         raise ValueError(f'state of more than {2 * MAX_CONSTRAINTS} constraints in all')
     return TeamState(_session(record['session']), constraints, departed, epoch,
                      _count(record['since']), _count(record['number']),
-                     read_whereabouts(record.get('whereabouts', [])))
+                     read_whereabouts(record.get('whereabouts', [])),
+                     _names(record.get('refuted', [])))
+
+
+def _names(values: Any) -> tuple[str, ...]:
+    """Read names of robots."""
+    if not isinstance(values, list) or len(values) > MAX_DEPARTED:
+        raise ValueError(f'no list of at most {MAX_DEPARTED} robots')
+    return tuple(map(robot_name, values))
 
 
 def _record(constraint: MapConstraint) -> dict[str, Any]:

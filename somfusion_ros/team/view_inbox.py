@@ -22,8 +22,7 @@ class ViewInbox:
                  count: Callable[..., None], clock: Callable[[], float]) -> None:
         self._elastic, self._heard, self._count, self._clock = elastic, heard, count, clock
         self._batches: dict[str, deque[bytes]] = {}
-        self._bonds: dict[str, bytes] = {}
-        self._direct: set[str] = set()     # robots that told their bonds themselves
+        self._handed_on: dict[str, bytes] = {}     # bonds of robots that are gone
         self._hearer = BondHearer()
 
     def keep_batch(self, robot: str, data: bytes) -> None:
@@ -43,9 +42,7 @@ class ViewInbox:
         except ValueError as error:
             self._count(f'{BONDS}_of_{robot}_unusable', str(error))
             return
-        self._direct.add(robot)
-        if self._hearer.newer(robot, message):
-            self._bonds[robot] = message.bonds
+        self._hearer.keep(robot, message)
 
     def keep_kept(self, robot: str, data: bytes) -> None:
         """
@@ -60,18 +57,24 @@ class ViewInbox:
             return
         for batch in batches:
             self.keep_batch(robot, batch)
-        if bonds and robot not in self._direct:
+        if bonds and robot not in self._hearer.robots():
             self._note(robot, BONDS, bonds)
-            self._bonds[robot] = bonds
+            self._handed_on[robot] = bonds
 
     def drain(self) -> None:
         """Hand all that came on; what is unusable is counted under the robot's name."""
         for robot, batches in list(self._batches.items()):
             while batches and self._trusted(robot):
                 self._try(robot, VIEWS, self._elastic.take_views, batches.popleft())
-        for robot in list(self._bonds):
+        for robot in list(self._handed_on):
             if self._trusted(robot):
-                self._try(robot, BONDS, self._elastic.take_bonds, self._bonds.pop(robot))
+                self._try(robot, BONDS, self._elastic.take_bonds, self._handed_on.pop(robot))
+        for robot in self._hearer.robots():
+            if self._trusted(robot):
+                heard = self._heard.get(robot)
+                bonds = self._hearer.take(robot, heard.session if heard else '')
+                if bonds is not None:
+                    self._try(robot, BONDS, self._elastic.take_bonds, bonds)
 
     def _note(self, robot: str, channel: str, data: bytes) -> None:
         """Count a message."""

@@ -245,7 +245,8 @@ def two_and_a_liar(pose: Pose, resolution: float = 0.05) -> tuple[FusionSession,
     session.take_map('robot2', SharedMap(fake_grid(walls, T_map_walls=Pose(2.0, 1.0, 0.3))))
     session.take_map('robot9', SharedMap(fake_grid(fake_room(), resolution)))
     assert session.attempt(0.0) == 'robot2'
-    session.take_state('robot9', [MapConstraint('robot1', 'robot9', pose, 1e-9 * np.eye(3))], ())
+    session.take_state('robot9', TeamState('s', (
+        MapConstraint('robot1', 'robot9', pose, 1e-9 * np.eye(3)),)))
     session.refresh()
     return session, said
 
@@ -269,8 +270,8 @@ def test_a_liar_cannot_pull_two_others_apart() -> None:
     lies = [MapConstraint(f'robot{n}', 'robot9', Pose(5.0 * n, 5.0, float(n)), 1e-9 * np.eye(3))
             for n in (1, 2)]
     honest = MapConstraint('robot1', 'robot2', truth, 0.01 * np.eye(3), 0.9)
-    session.take_state('robot2', [honest], ())
-    session.take_state('robot9', lies * 20, ())
+    session.take_state('robot2', TeamState('s', (honest,)))
+    session.take_state('robot9', TeamState('s', tuple(lies * 20)))
     placed = session.refresh().world('robot1')
     assert pose_error(placed['robot2'], truth)[0] < 0.01
     assert any('robot9' in text and 'contradicts' in text for text in said)

@@ -41,6 +41,7 @@ from somfusion_ros.team.constraint import MapConstraint  # noqa: E402
 from somfusion_ros.team.heard import Heard, TimedPose  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
+from somfusion_ros.team.state_codec import TeamState  # noqa: E402
 from std_msgs.msg import UInt8MultiArray  # noqa: E402
 
 
@@ -231,8 +232,8 @@ def test_the_body_of_a_robot_that_only_others_accepted_is_none() -> None:
     for robot, place in (('robot1', Pose()), ('robot2', Pose(2.0, -1.0, 0.7))):
         work.take_map(robot, SharedMap(fake_grid(walls, T_map_walls=place)))
     work.begin('robot3', Epoch('3d'), 0.0)
-    work.take_state('robot2', [MapConstraint('robot2', 'robot3', Pose(), 0.01 * np.eye(3), epochs=(
-        Epoch(), Epoch('3d')))], ())
+    work.take_state('robot2', TeamState('s', (MapConstraint(
+        'robot2', 'robot3', Pose(), 0.01 * np.eye(3), epochs=(Epoch(), Epoch('3d'))),)))
     heard = {f'robot{k}': Heard() for k in (1, 2, 3)}
     for one in heard.values():
         one.add_pose(TimedPose(1.0, Pose(1.0, 1.0, 0.0), 0.01 * np.eye(3)))
@@ -321,7 +322,7 @@ def test_views_of_a_robot_in_the_root_namespace_are_told_below_its_name(
     node, kept = TopicsOnly(**remapped), []
     inbox = SimpleNamespace(keep_batch=lambda robot, data: kept.append((robot, data)))
     session = FusionSession('robot1', TeamConfig(), FusionConfig(), lambda line: None)
-    ViewLink(node, prefix, 'robot1', session, inbox, lambda kind, reason: None)
+    ViewLink(node, prefix, 'robot1', session, inbox, lambda kind, reason: None, 'start')
     message = UInt8MultiArray(data=b'some views')
     node.heard[remapped.get('views', '/views')](message)
     assert kept == [('robot1', b'some views')]
@@ -334,7 +335,8 @@ def test_where_the_team_has_the_own_views_is_told_and_heard() -> None:
     session = FusionSession('robot1', TeamConfig(), FusionConfig(), lambda line: None)
     session.elastic.own_path = lambda: (np.array([100.25, 101.5]), shown)  # type: ignore
     node, taken = TopicsOnly(), []
-    link = ViewLink(node, '', 'robot1', session, SimpleNamespace(), lambda kind, reason: None)
+    link = ViewLink(node, '', 'robot1', session, SimpleNamespace(), lambda kind, reason: None,
+                    'start')
     JointPath(node, lambda *path: taken.append(path), lambda kind, reason: None)
     for _ in range(2):
         link.say_joint('world')

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from somfusion_ros.team.bond_message import BondHearer, BondMessage, BondTeller
+from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.view_inbox import ViewInbox
 
 SESSION = st.text('0123456789abcdef', min_size=1, max_size=32)
@@ -55,8 +56,29 @@ def test_bonds_are_told_where_they_changed() -> None:
     told = [teller.more(bonds) for bonds in (b'none', b'none', b'one', b'none')]
     assert [message is None for message in told] == [False, True, False, False]
     messages = [BondMessage.decode(message) for message in told if message is not None]
-    assert [hearer.newer('robot1', message) for message in messages] == 3 * [True]
-    assert not hearer.newer('robot1', messages[0])
+    for message in (messages[1], messages[0], messages[2], messages[0]):
+        hearer.keep('robot1', message)
+    assert [hearer.take('robot1', 'one') for _ in range(2)] == [b'none', None]
+
+
+def test_bonds_count_whose_session_the_state_names() -> None:
+    """Another robot spoke under the name for a while; then the first one is heard again."""
+    told: list[bytes] = []
+    heard = {'robot1': Heard()}
+    inbox = ViewInbox(_taking(told), heard, lambda *_: None, lambda: 0.0)
+    for session, at in (('one', 0.0), ('other', 1.0), ('one', 100.0)):
+        heard['robot1'].begin(session, at)
+        heard['robot1'].taken_until = 0.0
+        if at < 100.0:
+            inbox.keep_bonds('robot1', BondMessage(session, 1, session.encode()).encode())
+        inbox.drain()
+    assert told == [b'one', b'other', b'one']
+    inbox.keep_bonds('robot1', BondMessage('next', 1, b'before its state').encode())
+    inbox.drain()
+    assert told[-1] == b'one'
+    heard['robot1'].begin('next', 101.0)
+    inbox.drain()
+    assert told[-1] == b'before its state'
 
 
 def _taking(told: list[bytes]) -> object:

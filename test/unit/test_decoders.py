@@ -122,7 +122,8 @@ def test_any_document_is_refused(document: Any) -> None:
 
 @few
 @given(STATES, st.sampled_from(('version', 'session', 'number', 'epoch', 'since', 'constraints',
-                                'departed', 'whereabouts')), JSON)
+                                'departed', 'whereabouts',
+                                'refuted')), JSON)
 def test_any_value_in_any_place_is_read_or_refused(state: TeamState, key: str,
                                                    value: Any) -> None:
     record = json.loads(encode_state(state))

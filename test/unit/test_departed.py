@@ -170,3 +170,12 @@ def test_who_knew_a_robot_believes_no_words_and_no_map_that_contradict_it() -> N
     with pytest.raises(ValueError, match='unlike what it told itself'):
         team.update_map('d', SharedMap(elsewhere), lent=True)
     assert team.update_map('d', SharedMap(ROOM), lent=True)
+
+
+def test_of_a_robot_whose_map_never_came_others_words_are_believed() -> None:
+    team, departed = memory('a')
+    team.begin('d', Epoch())
+    team.hear('d', [constraint(THERE)])
+    departed.hear('z', (DepartedRobot('d', 9, (constraint(Pose(9.0, 9.0, 1.0)),)),))
+    departed.update({'z'})
+    assert departed.sources == {'d': 'z'}

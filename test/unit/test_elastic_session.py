@@ -67,7 +67,8 @@ def test_views_turn_a_verdict_and_both_robots_bend_alike() -> None:
     assert two.weigh('robot1', verdict(world), EPOCHS, 0.8).accepted
     assert decode_bonds(two.own_bonds(), 'robot2') == []      # the first name tells the bond
     two.take_bonds('robot1', one.own_bonds())
-    for m, n in zip(one._heard['robot1'][0].matches, two._heard['robot1'][0].matches, strict=True):
+    told = (decode_bonds(robot._bonds.bytes_of('robot1'), 'robot1')[0] for robot in (one, two))
+    for m, n in zip(*(bond.matches for bond in told), strict=True):
         assert np.array_equal(m.R, n.R)       # who tells a bond uses what the bytes say, too
     for session in (one, two):
         session.update(world, EPOCHS, 'robot1')

@@ -8,6 +8,7 @@ from helpers import fake_grid, furnished_room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+import pytest
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.epoch import Epoch
@@ -38,7 +39,10 @@ class Listener:
 
     def __init__(self) -> None:
         self.session = FusionSession('a', TeamConfig(), FusionConfig(), lambda text: None)
-        self.inbox = Inbox('a', self.session, 10 ** 6, lambda *_: None, lambda: 0.0)
+        self.counted: list[str] = []
+        self.now = self.stamp = 0.0
+        self.inbox = Inbox('a', self.session, 10 ** 6, lambda kind, _: self.counted.append(kind),
+                           lambda: self.now, lambda: self.stamp)
         self.inbox.heard = {'a': Heard(), 'z': Heard()}
         self.session.begin('a', Epoch('1f'), 0.0)
         self.session.take_map('a', SharedMap(ROOM))
@@ -70,7 +74,7 @@ def test_what_is_of_another_map_waits_or_changes_nothing(order: list[str]) -> No
     """
     listener, new = Listener(), Epoch('3d')
     looked: list[int] = []
-    listener.session.take_clusters = lambda robot, clusters: looked.append(clusters)
+    listener.session.scouting.update = lambda robot, clusters: looked.append(clusters)
     listener.hear(MAP, key_message(version(1), EPOCH, 1))
     messages = {'state': (STATE, TeamState('ab12', epoch=new, since=7, number=2)),
                 'map': (MAP, key_message(version(2), new, 2)),
@@ -154,3 +158,32 @@ def test_who_is_back_is_shown_as_it_told_itself_last(story: list[str]) -> None:
     listener.look(present=True)
     last = max((k for k, event in enumerate(story, start=1) if event == 'own'), default=0)
     listener.assert_shows(version(last))
+
+
+@pytest.mark.parametrize(('own_lag', 'ahead', 'said'), [
+    (0.1, 0.0, []), (1.6, 0.0, ['pose_of_a_late']), (0.1, 1.6, ['clock_of_z_ahead']),
+    (1.6, 1.6, ['clock_of_z_ahead'])])
+def test_a_slow_slam_of_its_own_is_no_clock_of_a_peer(own_lag: float, ahead: float,
+                                                      said: list[str]) -> None:
+    """The peer's poses come at once, by its clock; the own ones late, steadily."""
+    listener = Listener()
+    listener.hear(STATE, TeamState('ab12', epoch=EPOCH))
+    listener.counted.clear()      # the state came twice
+    for k in range(9):
+        listener.now, listener.stamp = 70.0 + 0.2 * k, 5000.0 + 0.2 * k
+        for robot, stamp in (('a', listener.stamp - own_lag), ('z', listener.stamp + ahead)):
+            item = TimedPose(stamp, Pose(0.1 * k), np.eye(3))
+            listener.inbox.keep_pose(robot, lambda item=item: (item, EPOCH if k < 0 else None))
+    assert [*dict.fromkeys(listener.counted)] == said
+
+
+def test_a_robot_that_is_heard_no_more_leaves_nothing_behind() -> None:
+    """However many names come and go, with clusters that wait to be looked at."""
+    listener = Listener()
+    for k in range(9):
+        listener.inbox.heard[f'g{k}'] = Heard()
+        listener.session.scouting.update(f'g{k}', SimpleNamespace())
+        listener.inbox.forget(f'g{k}')
+    listener.look(True)
+    assert listener.session.scouting.unlikely == set()
+    assert len(listener.session.scouting._peers) == 0

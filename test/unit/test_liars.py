@@ -248,8 +248,8 @@ def test_a_liar_with_a_small_map_far_away_does_not_make_the_drawing_large() -> N
     session.begin('z', Epoch('2e'), 0.0)
     session.take_map('a', SharedMap(fake_grid(furnished_room())))
     session.take_map('z', SharedMap(fake_grid(fake_room())))
-    session.take_state('z', [MapConstraint('a', 'z', Pose(700.0, 700.0, 0.0), GOOD, epochs=(
-        Epoch('1f'), Epoch('2e')))], ())
+    session.take_state('z', TeamState('s', (MapConstraint(
+        'a', 'z', Pose(700.0, 700.0, 0.0), GOOD, epochs=(Epoch('1f'), Epoch('2e'))),)))
     assert {*session.refresh({'z'}).world('a')} == {'a', 'z'}
     tracemalloc.start()
     drawn = session.draw()
@@ -271,8 +271,8 @@ def test_where_a_peer_has_driven_counts_once_the_own_match_accepted_it() -> None
         for name, shared in (('a', SharedMap(grid)), ('z', everywhere), ('c', SharedMap(ROOM))):
             session.begin(name, Epoch('1f'), 0.0)
             session.take_map(name, shared)
-        session.take_state('a', [MapConstraint('a', other, Pose(), GOOD, epochs=(
-            Epoch('1f'), Epoch('1f'))) for other in 'cz'], ())
+        session.take_state('a', TeamState('s', tuple(MapConstraint(
+            'a', other, Pose(), GOOD, epochs=(Epoch('1f'), Epoch('1f'))) for other in 'cz')))
         if accepted:
             session.take_sighting(MapConstraint('c', 'z', Pose(), GOOD, kind='sighting'))
         assert {*session.refresh({'a', 'z'}).world('c')} == {'a', 'c', 'z'}

@@ -471,11 +471,11 @@ def test_known_poses_lapse_with_the_map_that_they_were_given_for() -> None:
     assert team.solution().group_of('a')['b'] == THERE
     team.begin('b', Epoch('2e'))
     team.update_map('b', shared(ROOM))
-    assert team.lapsed() == ['b']
+    assert team.known.lapsed(team.epochs) == ['b']
     assert len(team.solution().groups) == 2
     assert team.peers() == ['b']   # from now on it is matched
     team.reset()
-    assert team.lapsed() == []     # the user says that it holds for the map of now
+    assert team.known.lapsed(team.epochs) == []     # the user says that it holds now
     assert team.solution().group_of('a')['b'] == THERE
 
 

@@ -29,7 +29,7 @@ from somfusion_ros.team.presence import Meeting, Presence, TUNING
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.snapshot import Snapshot
-from somfusion_ros.team.state_codec import decode_state
+from somfusion_ros.team.state_codec import decode_state, TeamState
 from test_elastic import bent_team
 from test_elastic_session import batches, EPOCHS
 
@@ -219,13 +219,13 @@ def test_a_node_that_begins_anew_is_told_where_robots_were_and_hands_it_on() -> 
     assert [one.robot for one in heard] == ['a', 'c']
     fresh, _ = alike()
     assert fresh.attempt(0.0) == 'b'
-    fresh.take_state('b', (), (), heard[1:])
+    fresh.take_state('b', TeamState('s', whereabouts=heard[1:]))
     assert fresh.attempt(10.0) is None
     assert told(fresh) == {'match'}     # b has no word on where c was when the robot was there
-    fresh.take_state('b', (), (), heard)
+    fresh.take_state('b', TeamState('s', whereabouts=heard))
     assert fresh.attempt(20.0) == 'b'
     assert told(fresh) == set()
-    fresh.take_state('b', (), ())       # its node begins anew, too, and knows nothing
+    fresh.take_state('b', TeamState('s'))       # its node begins anew, too, and knows nothing
     (again,) = fresh.refresh({'b'}).whereabouts
     assert (again.robot, again.epochs) == ('b', (Epoch('a'), Epoch('b')))
     assert {*again.places} == {pair[::-1] for pair in heard[0].places}

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.geometry import Pose
+from somfusion_ros.geometry import inverse, Pose
 from somfusion_ros.simulation.chaos.view_lies import absurd_batches, bonds_with, flood, stolen
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
@@ -21,7 +21,7 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.fact import LOOP
 from somfusion_ros.team.graph import solve
-from somfusion_ros.team.heard import Heard, TimedPose, TUNING
+from somfusion_ros.team.heard import from_sighting, Heard, TimedPose, TUNING
 from somfusion_ros.team.joint_drawing import JointDrawing
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.kept_views import encode_kept
@@ -155,6 +155,31 @@ def test_a_liar_with_stolen_views_hardly_bends_two_who_agree(rng: np.random.Gene
         one.draw()
     for robot, pose in alone.items():
         assert one.places(None)[robot][:2] == pytest.approx(pose[:2], abs=0.5)
+
+
+@pytest.mark.parametrize('asked', [True, False])
+@pytest.mark.parametrize('off', [0.0, 0.3, 2.0])
+def test_a_bond_that_the_other_robot_finds_elsewhere_counts_for_nobody(off: float, asked: bool
+                                                                       ) -> None:
+    """By its own views, or by where it accepts the map if they were not asked."""
+    one, two, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    if asked:
+        two.weigh('robot1', verdict(world), EPOCHS, 0.8)
+    bond, = decode_bonds(one.own_bonds(), 'robot1')
+    lie = encode_bonds([bond._replace(matches=tuple(
+        replace(m, z=m.z + (off, 0.0, 0.0)) for m in bond.matches))])
+    there = {'robot1': Pose.from_array(inverse(world['robot2']))}
+    for robot in (one, two):
+        robot.take_bonds('robot1', lie)
+    refuted = two.refute(there, EPOCHS)
+    assert refuted == (('robot1',) if off > 1.0 else ())
+    one.hear_refuted('robot2', refuted)
+    for robot in (one, two):
+        robot.update(world, EPOCHS, 'robot1', {('robot1', 'robot2'), ('robot2', 'robot1')})
+        assert bool(robot.solved) == (off < 1.0)
+    one.update(world, EPOCHS, 'robot1', {('robot1', 'robot2')})
+    assert one.solved == []      # nor does one of a pair that the other one does not accept
 
 
 def one_path() -> list[bytes]:
@@ -322,6 +347,15 @@ def test_a_sighting_counts_only_where_both_poses_are_of_one_time(step: float, la
     sightings.add(Sighting('b', now, Pose(1.0), GOOD, 160.0))
     sightings.settle(164.0)
     assert (len(taken), counted) == ((1, []) if used else (0, ['encounters_unusable']))
+
+
+def test_a_sighting_is_the_less_sure_the_more_the_clocks_may_differ() -> None:
+    """A peer whose clock is two seconds off drove on for so long."""
+    own = TimedPose(50.0, Pose(1.0, 2.0, 0.5), GOOD, 7.0)
+    sigmas = [np.sqrt(np.diag(from_sighting(own, Pose(2.0), GOOD, TimedPose(
+        50.0, Pose(-3.0, 1.0, 2.0), GOOD, 7.0 + late))[1])) for late in (0.0, 2.0, -2.0)]
+    assert sigmas[0].max() < 0.1
+    assert min(sigmas[1].min(), sigmas[2].min()) > 1.9 * TUNING.speed
 
 
 def test_bonds_that_are_handed_on_late_do_not_replace_what_a_robot_says_itself() -> None:

@@ -71,7 +71,7 @@ class FusionNode(ManagedNode):
         session = FusionSession(self._name, self._team, self._fusion, self.get_logger().info,
                                 time.monotonic)
         self._inbox = Inbox(self._name, session, config.max_map_cells, self._count,
-                            time.monotonic)
+                            time.monotonic, self._stamp)
         self._inbox.heard[self._name] = Heard()
         self._sightings = Sightings(self._name, self._inbox.heard, session.take_sighting,
                                     self._count)
@@ -96,9 +96,9 @@ class FusionNode(ManagedNode):
         part, config = self.active_part, self._config
         receiver = Receiver(self._inbox, self._sightings, config.max_map_cells, self._count)
         self._since = time.monotonic()
-        self._views = ViewLink(part, self._prefix, self._name, self._session, self._view_inbox,
-                               self._count)
         self._link = TeamLink(part, self._prefix, receiver, self._count)
+        self._views = ViewLink(part, self._prefix, self._name, self._session, self._view_inbox,
+                               self._count, self._link.start)
         self._departed = DepartedLink(part, self._prefix, receiver, self._session.elastic,
                                       self._view_inbox)
         self._discovery = Discovery(part, self._prefix, config, self._link, receiver)
@@ -136,7 +136,7 @@ class FusionNode(ManagedNode):
         self._discovery.look()
         snapshot = self._session.snapshot
         self._link.want(snapshot.wanted & self._discovery.teams)
-        self._views.want(snapshot.wanted & self._discovery.teams)
+        self._views.want(snapshot.wanted & self._discovery.teams, self._inbox.heard)
         self._departed.offer(snapshot.departed_maps, {gone.robot: gone.epoch
                                                       for gone in snapshot.departed})
         self._departed.fetch(snapshot.sources)
@@ -179,8 +179,11 @@ class FusionNode(ManagedNode):
 
     def _age(self) -> None:
         """Note how old the views are that the global map shows now."""
-        now = self.get_clock().now().nanoseconds * 1e-9
-        self._ages.note(self._session.elastic.shown, now)
+        self._ages.note(self._session.elastic.shown, self._stamp())
+
+    def _stamp(self) -> float:
+        """Return the time [s] with which messages are stamped now."""
+        return 1e-9 * self.get_clock().now().nanoseconds
 
     def _report(self) -> None:
         """Publish the status of the node and of each peer."""

@@ -53,6 +53,11 @@ class TeamLink:
         node.create_subscription(String, f'{prefix}{names.TEAM_STATE}', self._on_own_state,
                                  qos.LATCHED)
 
+    @property
+    def start(self) -> str:
+        """The session in which this node speaks."""
+        return self._outbox.session
+
     def listen(self, peer: str) -> None:
         """Subscribe to what a peer publishes always."""
         on = self._receiver

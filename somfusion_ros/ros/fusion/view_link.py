@@ -11,7 +11,6 @@ maps are of use.
 from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
-from uuid import uuid4
 
 from nav_msgs.msg import Path
 import numpy as np
@@ -28,14 +27,15 @@ class ViewLink:
     """
     One robot's end of the elastic map; prefix: where its topics for the team stand.
 
-    Where that is not the namespace, what slam_node tells of its path is told there again.
+    start: the session, as its states name it. Where the topics are not in the namespace, what
+    slam_node tells of its path is told there again.
     """
 
     def __init__(self, node: Any, prefix: str, robot: str, session: FusionSession,
-                 inbox: ViewInbox, count: Callable[..., None]) -> None:
+                 inbox: ViewInbox, count: Callable[..., None], start: str) -> None:
         self._node, self._session, self._inbox, self._count = node, session, inbox, count
-        self._wanted: set[str] = set()
-        self._teller = BondTeller(uuid4().hex[:12])
+        self._wanted: dict[str, list[Any]] = {}
+        self._teller = BondTeller(start)
         self._bonds = node.create_publisher(UInt8MultiArray, f'{prefix}{names.TEAM_BONDS}',
                                             qos.LATCHED)
         own = node.create_subscription(UInt8MultiArray, names.VIEWS,
@@ -47,14 +47,17 @@ class ViewLink:
         self._joint = node.create_publisher(Path, names.JOINT_PATH, qos.LATCHED)
         self._joint_said: Any = None
 
-    def want(self, peers: Collection[str]) -> None:
-        """Listen to the views and the bonds of some peers."""
-        for peer in set(peers) - self._wanted:
-            self._wanted.add(peer)
-            self._node.create_subscription(UInt8MultiArray, f'/{peer}/{names.VIEWS}',
-                                           partial(self._on_views, peer), qos.LOG)
-            self._node.create_subscription(UInt8MultiArray, f'/{peer}/{names.TEAM_BONDS}',
-                                           partial(self._on_bonds, peer), qos.LATCHED)
+    def want(self, peers: Collection[str], heard: Collection[str]) -> None:
+        """Listen to the views and the bonds of some peers, as long as these are heard at all."""
+        for peer in self._wanted.keys() - set(heard):
+            for subscription in self._wanted.pop(peer):
+                self._node.destroy_subscription(subscription)
+        for peer in set(peers) - self._wanted.keys():
+            self._wanted[peer] = [
+                self._node.create_subscription(UInt8MultiArray, f'/{peer}/{names.VIEWS}',
+                                               partial(self._on_views, peer), qos.LOG),
+                self._node.create_subscription(UInt8MultiArray, f'/{peer}/{names.TEAM_BONDS}',
+                                               partial(self._on_bonds, peer), qos.LATCHED)]
 
     def say(self) -> None:
         """Publish the bonds that this robot tells, where they changed."""

@@ -54,7 +54,8 @@ class Station:
         self._network, self._matching, self._now = network, matching, 0.0
         self.session = FusionSession(name, config, FusionConfig(), self.words.append,
                                      self._steady, matching)
-        self.inbox = Inbox(name, self.session, MAX_CELLS, self._count, self._steady)
+        self.inbox = Inbox(name, self.session, MAX_CELLS, self._count, self._steady,
+                           lambda: 1e-9 * clock.stamp(self._now))
         self.inbox.heard[name] = Heard()
         self.views = ViewEnd(name, session, self.session, self.inbox.heard, network,
                              self._count, self._steady)
