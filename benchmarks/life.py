@@ -68,6 +68,7 @@ class Life:
         self.first = np.array([*next(self._ways), 0.0])
         self._pose, self._odometry = self.first, np.zeros(3)
         self.clock, self.metres = 0.0, 0.0
+        self.laser = replace(SICK, period=TRAVEL / world.speed)
         self._wheels = drive.real_wheels(0.02, rng)
         self.slam = Slam(SlamConfig(resolution=world.resolution), background=True)
 
@@ -95,10 +96,9 @@ class Life:
                                      np.inf)
         whole = slice((len(stamps) - 1) // ODOMETRY_EVERY * ODOMETRY_EVERY + 1)
         stamps, poses = stamps[whole], poses[whole]
-        laser = replace(SICK, period=TRAVEL / self.world.speed)
         trial = simulate_trial(
             lambda t: self.world.around(drive.at(stamps, poses, np.array([t]))[0]), stamps, poses,
-            laser, self._rng, self._wheels)
+            self.laser, self._rng, self._wheels)
         begin, clock = self._odometry, self.clock + PAUSE
         at = np.array([scan.stamp for scan in trial.scans])
         odometry = compose(begin, between(trial.odometry[0], drive.at(

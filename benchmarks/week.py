@@ -12,14 +12,15 @@ of the outline of what was moved away, which is cleared; median and largest erro
 pose told; views. Asserts nothing.
 """
 
+from dataclasses import replace
 import sys
 
-from benchmarks.data.errands import CORRIDOR, office, ROOMS
-from benchmarks.life import Life
+from benchmarks.data.errands import CORRIDOR, office, ROOMS, World
+from benchmarks.life import Life, TURNS
 import numpy as np
 from scipy.spatial import cKDTree
 from somfusion_ros.geometry import Array, between
-from somfusion_ros.simulation import floor_plan
+from somfusion_ros.simulation import drive, floor_plan
 from somfusion_ros.slam.slam import Slam
 
 NEAR = 0.1        # [m] from what stands to what is drawn
@@ -50,8 +51,8 @@ def piece(rng: np.random.Generator, ways: Array) -> Array:
 class Week(Life):
     """A robot in an office whose furniture is moved."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        super().__init__(office(), rng)
+    def __init__(self, rng: np.random.Generator, world: World | None = None) -> None:
+        super().__init__(world or office(), rng)
         self._walls = self.world.segments
         self._driven = outline(np.array([way for door, x, y in ROOMS for way in (
             (door, CORRIDOR, door, y), (door, y, x, y))]))
@@ -60,16 +61,30 @@ class Week(Life):
         self._stand()
 
     def _stand(self) -> None:
-        self.world = office(np.concatenate([self._walls, *self._pieces]))
+        self.world = replace(
+            self.world, segments=np.concatenate([self._walls, *self._pieces]), _near={})
 
     def night(self) -> None:
         """Switch the robot off and on, and move half of the furniture meanwhile."""
         self.slam = Slam(background=True, checkpoint=self.slam.checkpoint())
-        moving = self._rng.choice(PIECES, PIECES // 2, replace=False)
+        self.move(PIECES // 2)
+
+    def move(self, pieces: int) -> None:
+        """Move so many pieces of furniture."""
+        moving = self._rng.choice(PIECES, pieces, replace=False)
         self._moved = [self._pieces[k] for k in moving]
         for k in moving:
             self._pieces[k] = piece(self._rng, self._driven)
         self._stand()
+
+    def somewhere(self, rng: np.random.Generator, metres: float) -> tuple[Array, Array]:
+        """Return stamps (T,) [s] and poses (T, 3) of a way that begins somewhere on the others."""
+        ways = self.world.ways(rng)
+        points = [next(ways) for _ in range(int(rng.integers(5, 40)))][-2:]
+        points[0] = points[0] + rng.uniform() * (points[1] - points[0])
+        points += [next(ways) for _ in range(int(metres))]
+        return drive.follow(np.array(points), float(rng.uniform(-np.pi, np.pi)),
+                            self.world.speed, metres / (TURNS * self.world.speed))
 
     def right(self) -> tuple[float, float, float]:
         """Return the shares of walls drawn that stand, of what stands drawn, of what went."""

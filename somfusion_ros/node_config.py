@@ -38,8 +38,8 @@ class SlamNodeConfig:
         'Time between two map -> odom transforms; 0 publishes none.')
     transform_timeout: float = parameter(
         0.5, 's', 0.0, 60.0,
-        'A scan waits this long for odometry that covers it, then it is dropped and counted; '
-        'longer where odometry arrives late.')
+        'Where odometry stalls for this long, its motion goes on for up to half a second; later '
+        'scans wait for odometry that comes late, for up to 6 s.')
     odometry_source: str = parameter(
         'auto', '', None, None,
         'odom: nav_msgs/Odometry on odom; encoders: two wheels in joint_states; tf: the transform '

@@ -77,6 +77,22 @@ def held(at: float, for_: float) -> Clock:
     return lambda t: at + for_ if at <= t < at + for_ else t
 
 
+def late(by: float, in_: float) -> Clock:
+    """Return when messages arrive that come late for ten seconds, at once or ever more."""
+    def arrives(t: float) -> float:
+        if t < STRAIGHT:
+            return t
+        if t >= STRAIGHT + 10.0:
+            return max(t, STRAIGHT + 10.0 + by)
+        return t + by * (min(1.0, (t - STRAIGHT) / in_) if in_ else 1.0)
+    return arrives
+
+
+def lost(at: float, for_: float) -> Clock:
+    """Return when messages arrive of which some never do."""
+    return lambda t: np.inf if at <= t < at + for_ else t
+
+
 def faults(turning: float) -> Iterator[Fault]:
     """Yield all faults; turning [s]: a moment in a turn."""
     same: Clock = lambda t: t
@@ -121,13 +137,19 @@ def faults(turning: float) -> Iterator[Fault]:
             yield Fault(f'odometry stands still {for_:g}, {word}', same, still)
             yield Fault(f'both stand still {for_:g}, {word}', still, still)
     for for_ in (0.4, 1.5, 4.0):
-        late, arrival = held(STRAIGHT, for_), held(STRAIGHT, for_)
-        yield Fault(f'scans held {for_:g}', arrives=late)
-        yield Fault(f'odometry held {for_:g}', odometry_arrives=late)
-        yield Fault(f'both held {for_:g}', arrives=late, odometry_arrives=late)
-        yield Fault(f'scans held {for_:g}, stamped on arrival', arrival, arrives=late)
-        yield Fault(f'odometry held {for_:g}, stamped on arrival', same, arrival,
-                    odometry_arrives=late)
+        arrives = held(STRAIGHT, for_)
+        yield Fault(f'scans held {for_:g}', arrives=arrives)
+        yield Fault(f'odometry held {for_:g}', odometry_arrives=arrives)
+        yield Fault(f'both held {for_:g}', arrives=arrives, odometry_arrives=arrives)
+        yield Fault(f'scans held {for_:g}, stamped on arrival', arrives, arrives=arrives)
+        yield Fault(f'odometry held {for_:g}, stamped on arrival', same, arrives,
+                    odometry_arrives=arrives)
+        yield Fault(f'scans lost for {for_:g}', arrives=lost(STRAIGHT, for_))
+        yield Fault(f'odometry lost for {for_:g}', odometry_arrives=lost(STRAIGHT, for_))
+    for by in (0.8, 1.5, 2.5, 4.0):
+        for in_ in (0.0, 2.0, 5.0):
+            yield Fault(f'scans late by {by:g} in {in_:g}', arrives=late(by, in_))
+            yield Fault(f'odometry late by {by:g} in {in_:g}', odometry_arrives=late(by, in_))
     for share in (0.5, 0.9, 0.99, 0.999, 1.001, 1.01, 1.1, 2.0):
         for since, word in ((0.0, ''), (STRAIGHT, ' from the middle on')):
             yield Fault(f'scans at {share:g} of the speed{word}', rate(share, since))
@@ -177,7 +199,7 @@ def suffer(trial: Trial, fault: Fault) -> Fate:
         (fault.arrives(scan.stamp) + scan.sweep + SCAN_DELAY, scan.stamp, k, -1)
         for k, scan in enumerate(trial.scans)]
     session, found, restarted = Session(SlamConfig(), TIMEOUT, count, background=False), [], False
-    for now, t, scan, odometry in sorted(events):
+    for now, t, scan, odometry in sorted(event for event in events if event[0] < np.inf):
         if t >= fault.restart and not restarted:
             restarted = True
             session = Session(SlamConfig(), TIMEOUT, count, background=False,

@@ -13,14 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
+from somfusion_ros.slam.arrived import Arrived
 from somfusion_ros.slam.gyro import Gyro
 from somfusion_ros.slam.laser import Laser
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.motion_guess import MotionGuess
 from somfusion_ros.slam.scan import Scan
-from somfusion_ros.slam.scan_clock import Arrived, ScanClock
+from somfusion_ros.slam.scan_clock import ScanClock
 from somfusion_ros.slam.scan_queue import MAX_WAITING, ScanQueue
 from somfusion_ros.slam.stamps import Judgement, StampStream
+from somfusion_ros.slam.standing_clock import StandingClock
 
 CONTINUED_DISTANCE = 1.0   # [m] odometry that moved less than this across a jump of time goes on
 CONTINUED_HEADING = 1.0    # [rad]
@@ -73,34 +75,45 @@ class Pairing:
         self._queue = ScanQueue(self.odometry, timeout, count, capacity)
         self._odometry_stamps = StampStream()
         self._scan_stamps: defaultdict[str, StampStream] = defaultdict(StampStream)
+        self._odometry_clock = StandingClock('odometry', count)
+        self._scan_clocks = defaultdict[str, StandingClock](lambda: StandingClock('scan', count))
         self._clock = ScanClock(count)
         self._newest_pose: Array | None = None
+        self._messages = 0     # of odometry, whatever their stamps
+        self._now = 0.0        # [s, steady clock] as it was told last
         self._lasers: dict[str, Laser] = {}
 
     def add_odometry(self, stamp: float, pose: Array, slip: Array | None = None) -> None:
         """Add T_odom_base (3,) at a stamp [s]."""
+        self._messages += 1
+        stamp = self._odometry_clock.mend(stamp, np.asarray(pose), self._now)
         self._add_odometry(self._odometry_stamps.add(stamp, (pose, slip)))
 
     def add_turn_rate(self, stamp: float, rate: float) -> None:
         """Take the turn rate [rad/s] of a gyroscope at a stamp [s]."""
-        self.gyro.add(stamp + self._clock.odometry_shift, rate)
+        self.gyro.add(stamp + self._odometry_clock.shift + self._clock.odometry_shift, rate)
 
     def add_scan(self, scan: Scan, tag: Any, now: float) -> None:
         """Add a scan; now [s] is any steady time."""
+        self._now = now
         if scan.laser not in self._lasers and len(self._lasers) < MOST_LASERS:
             self._lasers[scan.laser] = Laser(self._count)
         if scan.laser in self._lasers:
             scan = self._lasers[scan.laser].mend(scan)
-        stamps = self._scan_stamps[scan.laser if scan.laser in self._lasers else '']
-        self._add_scans(stamps.add(scan.stamp, Tagged(scan, tag, now)), stamps.last)
+        laser = scan.laser if scan.laser in self._lasers else ''
+        stamp, stamps = self._scan_clocks[laser].mend(
+            scan.stamp, scan.ranges, now), self._scan_stamps[laser]
+        self._add_scans(stamps.add(stamp, Tagged(scan, tag, now)), stamps.last)
 
     def take(self, now: float) -> Paired | None:
         """Return the next scan that the odometry covers; None where there is none yet."""
+        self._now = now if now < np.inf else self._now
         self._drop_undecided(now)
         if self._guess is not None:
             first = self._queue.first()
             return None if first is None else Paired(
                 first[0], first[1], self.gyro.beside(self._guess.at(first[0].stamp)))
+        self._queue.late = self._clock.lateness.is_due
         found = next(self._queue.ready(now), None)
         if found is None:
             return None
@@ -118,6 +131,11 @@ class Pairing:
             yield found
 
     @property
+    def odometry_late(self) -> float:
+        """Time [s] by which the odometry comes late, where that is worth a word; else 0."""
+        return self._clock.lateness.seconds
+
+    @property
     def _newest_odometry(self) -> float:
         """Stamp [s] of the newest odometry; -inf before the first."""
         return -np.inf if self.odometry.latest is None else self.odometry.latest
@@ -130,7 +148,10 @@ class Pairing:
             if judged.leap < 0.0:
                 self._set_back(judged)
             self._clock.leapt('odometry', judged.leap, self._newest_odometry)
-        for stamp, (pose, slip) in judged.good:
+        told = dict(judged.good)   # the last of one stamp, as what was held is stamped late
+        for _ in judged.good[len(told):]:
+            self._count('odometry_stamps_repeated')
+        for stamp, (pose, slip) in told.items():
             if self.odometry.add(stamp + self._clock.odometry_shift, pose, slip):
                 self._newest_pose = np.array(pose, dtype=float)
         self._place()
@@ -144,7 +165,8 @@ class Pairing:
                 self._clock.shift += USUAL_PERIOD - judged.leap
             self._clock.leapt('scan', judged.leap, self._newest_odometry)
         for stamp, tagged in judged.good:
-            self._clock.add(Arrived(stamp, self._newest_odometry, tagged),
+            self._clock.add(Arrived(stamp, self._newest_odometry, tagged, tagged.arrived,
+                                    self._messages, tagged.scan.laser),
                             self._odometry_stamps.period)
         self._place()
 
@@ -156,8 +178,8 @@ class Pairing:
 
     def _wait(self, scans: list[Arrived]) -> None:
         """Queue scans until their odometry comes."""
-        for stamp, _, (scan, tag, arrived) in scans:
-            stamp += self._clock.shift
+        for stamped in scans:
+            (scan, tag, arrived), stamp = stamped.item, stamped.stamp + self._clock.shift
             self._queue.add(stamp, (replace(scan, stamp=stamp), tag), arrived, scan.sweep,
                             scan.laser)
 

@@ -11,10 +11,11 @@ order of arrival pairs them, and the lag that remains is learned from the motion
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.arrived import Arrived
+from somfusion_ros.slam.lateness import Lateness
 
 
 @dataclass(frozen=True)
@@ -43,24 +44,11 @@ class ScanClockTuning:
         15, 'scans', 'after which this is not learned any more, so that it does not follow clocks '
         'that drift apart', 'by design')
     spread: float = tuned(
-        0.5, 's', 'by which scans that tell the difference of two clocks may disagree',
-        'by design')
+        0.5, 's', 'by which scans that tell the difference of two clocks may disagree, and late '
+        'odometry with the number of messages that came', 'by design')
 
 
 TUNING = ScanClockTuning()
-
-
-class Arrived(NamedTuple):
-    """A scan as it arrived: its own stamp [s], that of the newest odometry then, and the scan."""
-
-    stamp: float
-    newest_odometry: float
-    item: Any
-
-    @property
-    def offset(self) -> float:
-        """Stamp against that of the newest odometry [s]."""
-        return self.stamp - self.newest_odometry
 
 
 class ScanClock:
@@ -83,6 +71,7 @@ class ScanClock:
         self._stood = False      # the stamps of the scans, while the odometry went on
         self._leaps = {'scan': 0.0, 'odometry': 0.0}
         self._missing = 0.0
+        self.lateness = Lateness(count)
 
     @property
     def undecided(self) -> list[Arrived]:
@@ -118,14 +107,18 @@ class ScanClock:
         self._arrivals.append(scan)
         last = self._newest
         if not np.isfinite(scan.newest_odometry) or last is not None and (
-                scan.newest_odometry <= last.newest_odometry or scan.stamp == last.stamp):
-            self._stood |= last is not None and scan.stamp == last.stamp
+                scan.newest_odometry <= last.newest_odometry or scan.same_time(last)):
+            self._stood |= last is not None and scan.same_time(last)
             return    # one of two streams stalls, which says nothing of the clocks
         self._newest = scan
+        self.lateness.hear(scan.arrived, scan.messages)
         if self._doubtful or last is None:
             return
         ahead = scan.offset + self.shift
+        self.lateness.is_behind(ahead - self._usual)
         if self._is_off(min(ahead, ahead - self._usual), self._usual - ahead, odometry_period):
+            if self._is_late(scan, odometry_period):
+                return
             self._leaps = {'scan': 0.0, 'odometry': 0.0}
             self._doubt(last.newest_odometry)
             return
@@ -141,6 +134,11 @@ class ScanClock:
             return False
         most = TUNING.apart if self._stood else TUNING.behind
         return ahead > TUNING.apart + odometry_period or behind > most + odometry_period
+
+    def _is_late(self, scan: Arrived, odometry_period: float) -> bool:
+        """Return whether a scan is ahead of the odometry as that comes late."""
+        return self._is_known and self.lateness.explains(
+            scan.offset + self.shift - self._usual, TUNING.spread + odometry_period)
 
     def place(self, covered: Callable[[float], bool], odometry_period: float) -> list[Arrived]:
         """
@@ -184,8 +182,8 @@ class ScanClock:
         elif newest.newest_odometry > self._since:
             missed, shift = min((abs(newest.offset + shift - self._usual), shift)
                                 for shift in (self.shift, self.odometry_shift))
-            if missed <= tolerance:
-                self._settle(shift)
+            if missed <= tolerance or self._is_late(newest, odometry_period):
+                self._settle(shift if missed <= tolerance else self.shift)
             else:
                 self._decide_by_arrival(odometry_period)
 

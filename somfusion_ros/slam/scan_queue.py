@@ -9,8 +9,10 @@ Nothing here knows a message or a clock: what waits is any item, and time is giv
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from math import inf
 from typing import Any, NamedTuple
 
+from somfusion_ros.slam.lateness import TUNING as LATENESS
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 
 MAX_WAITING = 200       # scans, of a live stream
@@ -33,10 +35,13 @@ class ScanQueue:
     def __init__(self, buffer: OdometryBuffer, timeout: float, count: Callable[..., None],
                  capacity: int = MAX_WAITING) -> None:
         self._buffer, self._timeout, self._count = buffer, timeout, count
-        self._capacity = capacity
+        self._capacity, self._longest = capacity, max(timeout, LATENESS.longest)
         self._waiting: deque[Waiting] = deque()
         self._newest: dict[str, float] = {}   # stamp [s] by laser
         self._guessed: float | None = None    # stamp [s] of a scan with odometry extrapolated
+        self._latest: float | None = None     # stamp [s] of the newest odometry
+        self._came = -inf                     # when it came [s, steady clock]
+        self.late = False                     # whether odometry is on its way
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -74,24 +79,27 @@ class ScanQueue:
         """
         Yield the scans that odometry covers now, in order.
 
-        A scan that has waited too long is paired with the odometry that there is: that of its
-        first beam, or the last one and its twist, if that is not long ago.
+        Where odometry stalls, a scan is paired with that which there is: that of its first beam,
+        or the last one and its twist, if that is not long ago. Else it waits for what may be on
+        its way.
         """
+        self._look(now)
         while self._waiting:
             first = self._waiting[0]
-            late = now - first.arrived > self._timeout
-            if not late and self._is_early(first.stamp):
+            waited = now - first.arrived
+            if not waited > self._timeout and self._is_early(first.stamp):
                 return
-            odometry = self._buffer.at(first.stamp, 0.0 if late else first.sweep)
+            stalls = now - max(first.arrived, self._came if self.late else -inf) > self._timeout
+            odometry = self._buffer.at(first.stamp, 0.0 if stalls else first.sweep)
             if odometry is not None:
                 odometry = self._mended(odometry)
-            elif late:
+            elif stalls:
                 odometry = self._buffer.extrapolated(first.stamp)
                 self._guessed = self._guessed if odometry is None else first.stamp
             if odometry is not None:
                 self._waiting.popleft()
                 yield first.item, odometry
-            elif late or self._buffer.passed(first.stamp):
+            elif waited > self._patience or self._buffer.passed(first.stamp):
                 self._drop(self._waiting.popleft())
             else:
                 return
@@ -106,6 +114,17 @@ class ScanQueue:
         """Drop all waiting scans, after a jump in time."""
         self._waiting.clear()
         self._newest.clear()
+
+    @property
+    def _patience(self) -> float:
+        """Time [s] for which a scan waits for odometry: longer where it may be late."""
+        return self._timeout if self._latest is None else self._longest
+
+    def _look(self, now: float) -> None:
+        """Note when [s] the newest odometry came; at the end of a log none comes any more."""
+        if self._buffer.latest != self._latest and now < inf:
+            self._came = self._came if self._latest is None else now
+            self._latest = self._buffer.latest
 
     def _mended(self, odometry: Odometry) -> Odometry:
         """Return odometry with that of the scan before, where that had been extrapolated."""

@@ -3,6 +3,7 @@
 """A drive through a room, fed to a session as a robot would."""
 
 from collections import Counter
+from collections.abc import Callable
 
 from helpers import fake_odometry, fake_room, fake_scan, fake_trajectory, pose_error
 import numpy as np
@@ -10,6 +11,8 @@ from somfusion_ros.geometry import between, compose, Pose
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.session import Session
 from somfusion_ros.slam.step import Step
+
+Clock = Callable[[int], float]   # of the number of a message: by how much [s] it is off
 
 
 class Counts(Counter):
@@ -56,3 +59,24 @@ class Drive:
         (first, one), (i, other) = self.steps[0], found
         return pose_error(between(one.pose, other.pose),
                           between(self.poses[first], self.poses[i]))[0]
+
+
+def right(k: int) -> float:
+    """Be a clock that is right."""
+    return 0.0
+
+
+def tell_odometry(drive: Drive, i: int, clock: Clock = right) -> None:
+    """Tell a sample of the odometry."""
+    drive.session.add_odometry(drive.stamps[i] + 1e5 + clock(i), drive.odometry[i])
+
+
+def tell_scan(drive: Drive, i: int, clock: Clock = right, held: int = 0) -> None:
+    """Tell a scan, which was held on its way while so many more were taken."""
+    scan = fake_scan(fake_room(), drive.poses[i], drive.stamps[i] + 1e5 + clock(i), beams=181)
+    drive.session.add_scan(scan, i, float(drive.stamps[i + held]))
+
+
+def used(drive: Drive) -> int:
+    """Return how many scans were used."""
+    return len({tag for tag, step in drive.steps if step.accepted and step.reason != 'lost'})

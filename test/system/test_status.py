@@ -26,3 +26,11 @@ def test_what_goes_wrong_is_no_counter_beside_ok(lost: str, not_saved: str, left
     last = Last(step=SimpleNamespace(), scan_heard=99.9, odometry_heard=99.9, not_saved=not_saved)
     told = slam_status('slam_node', '/robot1', last, slam, {}, 100.0)
     assert told.level == level and words in told.message
+
+
+def test_odometry_that_comes_late_is_a_warning() -> None:
+    last = Last(step=SimpleNamespace(), scan_heard=99.9, odometry_heard=99.9, odometry_late=2.5)
+    slam = SimpleNamespace(pose_sigma=(0.1, 0.1, 0.1), lost='', counters=Counter(views=3))
+    told = slam_status('slam_node', '/robot1', last, slam, {}, 100.0)
+    assert told.level == DiagnosticStatus.WARN
+    assert told.message == 'odometry comes 2.5 s late, and the pose is as old'

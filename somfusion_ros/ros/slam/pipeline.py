@@ -184,6 +184,7 @@ class Pipeline:
         """Follow the robot through one scan that odometry covers; return whether there was one."""
         start = time.perf_counter()
         found = next(self.session.steps(self._ticks * TICK), None)
+        self._last.odometry_late = self.session.pairing.odometry_late
         if found is None or self._tracker.stopping:
             return False
         stamp, step = found

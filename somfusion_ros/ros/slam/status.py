@@ -24,8 +24,8 @@ class Last:
     Stamp and step of the newest scan used, stamp of the newest scan heard, seconds that a scan
     took, scans processed so far, when scans and odometry were heard [s, steady clock], what the
     newest scan lacked, whether new scans are left out, which map is waited for, whether the robot
-    ever had a place in its map, why the last state was not saved, and scans and time at the last
-    report.
+    ever had a place in its map, why the last state was not saved, by how much odometry comes late
+    [s], and scans and time at the last report.
     """
 
     stamp: Time | None = None
@@ -40,6 +40,7 @@ class Last:
     awaited: str = ''
     placed: bool = True
     not_saved: str = ''
+    odometry_late: float = 0.0
     reported: tuple[int, float] = (0, 0.0)
 
     @property
@@ -93,6 +94,8 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
     warning = 'paused: new scans are left out' if last.paused else silent
     if slam.lost and not warning:
         warning = f'lost: {slam.lost}'
+    if last.odometry_late and not warning:
+        warning = f'odometry comes {last.odometry_late:.1f} s late, and the pose is as old'
     if (scans_left_out := slam.counters['map_scans_too_far']) and not warning:
         warning = (f'the map is as large as it may be: {scans_left_out} scans are not drawn; a '
                    'coarser resolution reaches farther')
