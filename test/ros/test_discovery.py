@@ -11,7 +11,9 @@ need_ros()
 
 from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
 from somfusion_ros.node_config import FusionNodeConfig  # noqa: E402
-from somfusion_ros.ros.common.names import STATE_TYPE, TEAM_STATE  # noqa: E402
+from somfusion_ros.ros.common.names import (STATE_TYPE, TEAM_DEPARTED,  # noqa: E402
+                                            TEAM_DEPARTED_VIEWS, TEAM_STATE)
+from somfusion_ros.ros.fusion.departed_link import DepartedLink  # noqa: E402
 from somfusion_ros.ros.fusion.discovery import Discovery, MOST_PEERS  # noqa: E402
 from somfusion_ros.ros.fusion.receiver import Receiver  # noqa: E402
 from somfusion_ros.ros.fusion.team_link import TeamLink  # noqa: E402
@@ -20,6 +22,7 @@ from somfusion_ros.team.heard import Heard  # noqa: E402
 from somfusion_ros.team.inbox import Inbox  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.sightings import Sightings  # noqa: E402
+from std_msgs.msg import UInt8MultiArray  # noqa: E402
 
 
 class FakeNode:
@@ -102,3 +105,21 @@ def test_who_is_there_is_not_put_out_by_new_names() -> None:
     discovery.look()
     discovery.look()
     assert len(discovery.teams - before) == 1
+
+
+def test_views_of_a_robot_that_is_gone_are_waited_for_though_its_map_has_come() -> None:
+    """They are larger than the map, and are told once."""
+    node, kept = FakeNode(), []
+    link = DepartedLink(node, '', SimpleNamespace(inbox=SimpleNamespace(heard={}), on_bytes=print),
+                        SimpleNamespace(), SimpleNamespace(keep_kept=lambda *of: kept.append(of)))
+    link.fetch({'robot3': 'robot2'}, {'robot3'})
+    there = [f'/robot2/{topic}/robot3' for topic in (TEAM_DEPARTED, TEAM_DEPARTED_VIEWS)]
+    assert node.subscriptions == there
+    link.fetch({}, {'robot3'})
+    assert node.subscriptions == there
+    link._on_views('robot3', UInt8MultiArray(data=b'views'))
+    link.fetch({}, {'robot3'})
+    assert (node.subscriptions, kept) == ([], [('robot3', b'views')])
+    link.fetch({'robot3': 'robot2'}, {'robot3'})
+    link.fetch({}, set())      # it is back
+    assert node.subscriptions == []

@@ -81,10 +81,10 @@ def test_the_policy_allows_what_a_node_does_and_little_else(
                                         for one in done_by(looker, name).subscribe))
         does.append(done_by(looker, name))
         node._link.want({'robot2'})       # what it does once it is joined with another robot,
-        node._views.want({'robot2'})
+        node._views.want({'robot2'}, {'robot2'})
         for topic in (names.TEAM_DEPARTED, names.TEAM_DEPARTED_VIEWS):    # and others are gone
             node._departed._publisher(topic, 'robot3')
-        node._departed.fetch({'robot3': 'robot2'})
+        node._departed.fetch({'robot3': 'robot2'}, ['robot3'])
         spin_until(ros, lambda: any('departed' in one for one in done_by(looker, name).publish))
     does.append(done_by(looker, name))
     for may, uses in zip(allowed('robot1', name), map(set().union, *does)):

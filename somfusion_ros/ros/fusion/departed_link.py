@@ -6,7 +6,7 @@ Hands on what robots that are gone have told, to those who are left and those wh
 Their maps go on `team/departed/<robot>`, their views and bonds on `team/departed_views/<robot>`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
@@ -34,6 +34,7 @@ class DepartedLink:
         self._sent: dict[str, SharedMap] = {}
         self._told: dict[str, bytes] = {}
         self._fetched: dict[str, tuple[str, list[Any]]] = {}
+        self._came: set[str] = set()     # robots whose views were handed on
 
     def offer(self, maps: Mapping[str, SharedMap], epochs: Mapping[str, Epoch]) -> None:
         """Hand maps of absent robots to those who ask; what is back speaks for itself again."""
@@ -61,12 +62,19 @@ class DepartedLink:
         return self._node.create_publisher(UInt8MultiArray, f'{self._prefix}{topic}/{robot}',
                                            qos.LATCHED)
 
-    def fetch(self, sources: Mapping[str, str]) -> None:
-        """Ask for maps and views of absent robots, each from the peer that is named for it."""
-        for robot in list(self._fetched):
-            if self._fetched[robot][0] != sources.get(robot):
-                for subscription in self._fetched.pop(robot)[1]:
+    def fetch(self, sources: Mapping[str, str], absent: Collection[str]) -> None:
+        """
+        Ask for maps and views of absent robots, each from the peer that is named for it.
+
+        None is named once the map is here; the views are larger, and may come later.
+        """
+        for robot, (keeper, subscriptions) in list(self._fetched.items()):
+            waits = robot in absent and robot not in sources and robot not in self._came
+            if keeper != sources.get(robot) and not waits:
+                for subscription in subscriptions:
                     self._node.destroy_subscription(subscription)
+                del self._fetched[robot]
+                self._came.discard(robot)
         for robot, keeper in sources.items():
             if robot not in self._fetched:
                 self._receiver.inbox.heard.setdefault(robot, Heard())
@@ -84,4 +92,5 @@ class DepartedLink:
 
     def _on_views(self, robot: str, message: UInt8MultiArray) -> None:
         """Keep what an absent robot told of its path."""
+        self._came.add(robot)
         self._views.keep_kept(robot, bytes_from_message(message))

@@ -139,7 +139,7 @@ class FusionNode(ManagedNode):
         self._views.want(snapshot.wanted & self._discovery.teams, self._inbox.heard)
         self._departed.offer(snapshot.departed_maps, {gone.robot: gone.epoch
                                                       for gone in snapshot.departed})
-        self._departed.fetch(snapshot.sources)
+        self._departed.fetch(snapshot.sources, self._session.absent)
         self._peer_topics.offer(snapshot.connected(self._name))
 
     def _work(self) -> bool:
