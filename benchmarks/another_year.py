@@ -3,15 +3,15 @@
 """
 Measure how a robot is found in a map of another year, since which furniture was moved.
 
-usage: python -m benchmarks.another_year [STARTS [SEED]]      default 15 1
+usage: python -m benchmarks.another_year [STARTS [SEED [PIECES]]]      default 15 1 12
        (about ten minutes of a core)
 
 In an office all of whose rooms are visited alike, and in one of which five are, a robot drives
-for a quarter of an hour. Then none, half, or all of twelve pieces of furniture are moved, and it
-is started at random places of its ways, at a random heading, in its state and in its map as drawn
-(map.yaml), and drives on for up to 20 m. Prints a row each: starts, how many were found, metres
-driven until then, how many believed in a wrong place at any time, scans that did, and the error
-[m] of all others once found. Asserts nothing.
+for a quarter of an hour. Then none, half, or all pieces of furniture are moved, and it is started
+at random places of its ways, at a random heading, in its state and in its map as drawn (map.yaml),
+and drives on for up to 20 m. Prints a row each: starts, how many were found, metres driven until
+then, how many believed in a wrong place at any time, scans that did, and the error [m] of all
+others once found. Asserts nothing.
 """
 
 import sys
@@ -49,26 +49,27 @@ class Fate:
 
 def main() -> None:
     """Print the table."""
-    starts, seed = (int(arg) for arg in [*sys.argv[1:], '15', '1'][:2])
+    given = [int(arg) for arg in sys.argv[1:]]
+    starts, seed, pieces = given + [15, 1, PIECES][len(given):]
     table = Table('another year', (
         'world', 'furniture moved', 'in the', 'starts', 'found', 'after m, median', 'largest',
         'believed wrongly', 'scans', 'error median m', '95 % m'),
         (*[None] * 5, 1, 1, None, None, 3, 3))
     for name, world in (('office', None), ('rooms', rooms())):
-        week = Week(np.random.default_rng(seed), world)
+        week = Week(np.random.default_rng(seed), world, pieces)
         week.live(0.25)
         state = week.slam.checkpoint()
         ways = {'state': Beginning(state, Start(anywhere=True)),
                 'map.yaml': from_grid(week.slam.grid())}
-        for moved in (0, PIECES // 2, PIECES):
+        for moved in (0, pieces // 2, pieces):
             week.move(moved)
             for how, beginning in ways.items():
                 rng = np.random.default_rng(seed)
                 fates = [Fate(week, beginning, rng) for _ in range(starts)]
                 metres = [fate.metres for fate in fates if fate.metres is not None]
                 right = np.concatenate([fate.right for fate in fates])
-                table.add(name, f'{moved} of {PIECES}', how, starts, len(metres),
-                          float(np.median(metres)), max(metres),
+                table.add(name, f'{moved} of {pieces}', how, starts, len(metres),
+                          float(np.median(metres or [np.nan])), max(metres, default=None),
                           sum(fate.wrong > 0 for fate in fates), sum(f.wrong for f in fates),
                           float(np.median(right)), float(np.percentile(right, 95)))
                 print(' | '.join(table.rows[-1]), flush=True)

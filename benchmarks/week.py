@@ -51,12 +51,13 @@ def piece(rng: np.random.Generator, ways: Array) -> Array:
 class Week(Life):
     """A robot in an office whose furniture is moved."""
 
-    def __init__(self, rng: np.random.Generator, world: World | None = None) -> None:
+    def __init__(self, rng: np.random.Generator, world: World | None = None,
+                 pieces: int = PIECES) -> None:
         super().__init__(world or office(), rng)
         self._walls = self.world.segments
         self._driven = outline(np.array([way for door, x, y in ROOMS for way in (
             (door, CORRIDOR, door, y), (door, y, x, y))]))
-        self._pieces = [piece(rng, self._driven) for _ in range(PIECES)]
+        self._pieces = [piece(rng, self._driven) for _ in range(pieces)]
         self._moved: list[Array] = []
         self._stand()
 
@@ -67,11 +68,11 @@ class Week(Life):
     def night(self) -> None:
         """Switch the robot off and on, and move half of the furniture meanwhile."""
         self.slam = Slam(background=True, checkpoint=self.slam.checkpoint())
-        self.move(PIECES // 2)
+        self.move(len(self._pieces) // 2)
 
     def move(self, pieces: int) -> None:
         """Move so many pieces of furniture."""
-        moving = self._rng.choice(PIECES, pieces, replace=False)
+        moving = self._rng.choice(len(self._pieces), pieces, replace=False)
         self._moved = [self._pieces[k] for k in moving]
         for k in moving:
             self._pieces[k] = piece(self._rng, self._driven)
