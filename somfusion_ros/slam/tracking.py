@@ -13,6 +13,7 @@ from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, 
                                     squared_mahalanobis, wrap)
 from somfusion_ros.slam.agreement import looks_through
 from somfusion_ros.slam.anchor import Anchor
+from somfusion_ros.slam.bursts import Bursts
 from somfusion_ros.slam.calibration import Calibration
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.covariance import along, ScaleError, seen_turned, sweep_covariance
@@ -44,7 +45,7 @@ class Tracker:
         self.usual = 0.0            # inlier ratio of late
         self.lost = False
         self._resumed = False
-        self._anchor = Anchor()
+        self._anchor, self._bursts = Anchor(), Bursts()
         self.calibration = Calibration()
 
     def state(self) -> TrackerState:
@@ -137,7 +138,8 @@ class Tracker:
         step = self.calibration.correct(between(previous.pose, odometry.pose))
         Q = increment_covariance(step, self._noise, odometry.slip_since(previous))
         step, Q = by_gyro(step, Q, previous, odometry)
-        dt = self._dt = max(odometry.stamp - previous.stamp, 0.05)
+        dt, unknown = self._bursts.judge(odometry.stamp - previous.stamp, self._velocity)
+        self._dt, Q = dt, Q + unknown
         self._unseen += dt
         reason = ''
         if (np.hypot(step[0], step[1]) > min(TUNING.jump_speed[0] * dt + 0.5, TUNING.jump)
