@@ -144,6 +144,7 @@ def faults(turning: float) -> Iterator[Fault]:
         yield Fault(f'scans held {for_:g}, stamped on arrival', arrives, arrives=arrives)
         yield Fault(f'odometry held {for_:g}, stamped on arrival', same, arrives,
                     odometry_arrives=arrives)
+        yield Fault(f'both held {for_:g}, stamped on arrival', arrives, arrives, arrives, arrives)
         yield Fault(f'scans lost for {for_:g}', arrives=lost(STRAIGHT, for_))
         yield Fault(f'odometry lost for {for_:g}', odometry_arrives=lost(STRAIGHT, for_))
     for by in (0.8, 1.5, 2.5, 4.0):
