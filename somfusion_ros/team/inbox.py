@@ -217,7 +217,7 @@ class Inbox:
         for odd in oddities(robot, state, self.name, self.heard):
             self._count(*odd)
         if state.epoch is not None:
-            self._begin(robot, state.epoch)
+            self._begin(robot, state.epoch, given=state.given)
         self._since[robot] = state.since
         self._session.take_state(robot, state)
 
@@ -228,9 +228,10 @@ class Inbox:
         if content.stamp >= self._since[robot]:
             self._session.scouting.update(robot, content.clusters)
 
-    def _begin(self, robot: str, epoch: Epoch, keep_map: bool = False) -> None:
+    def _begin(self, robot: str, epoch: Epoch, keep_map: bool = False,
+               given: Epoch | None = None) -> None:
         """Note which map a robot has; where it is another one, its old poses are nowhere."""
-        if self._session.begin(robot, epoch, self._clock(), keep_map):
+        if self._session.begin(robot, epoch, self._clock(), keep_map, given):
             self.heard[robot].forget_poses()
             decoder = self._decoders.get(robot)
             newest = None if decoder is None else decoder.newest

@@ -18,25 +18,33 @@ class KnownPoses:
     def __init__(self, poses: Mapping[str, Pose]) -> None:
         self._poses = dict(poses)
         self._epochs: dict[str, Epoch] = {}
+        self._lapsed: set[str] = set()
 
     def bind(self, robot: str, epoch: Epoch) -> None:
-        """Note a robot's map; the first is the one that the user means."""
+        """Note which map of a robot the user means: the first, of now or as it says itself."""
         if robot in self._poses:
             self._epochs.setdefault(robot, epoch)
 
     def rebind(self, epochs: Mapping[str, Epoch]) -> None:
         """Take the maps of now for those that the user means."""
         self._epochs = {robot: epochs[robot] for robot in self._poses if robot in epochs}
+        self._lapsed.clear()
 
     def holding(self, epochs: Mapping[str, Epoch]) -> dict[str, Pose]:
         """Return the poses, by robot, that hold for the maps of now."""
         return {robot: self._poses[robot] for robot, epoch in self._epochs.items()
                 if robot in epochs and epochs[robot].same_map(epoch)}
 
+    def given(self, robot: str) -> Epoch | None:
+        """Return the map of a robot that the user means; None where no pose was given."""
+        return self._epochs.get(robot)
+
     def lapsed(self, epochs: Mapping[str, Epoch]) -> list[str]:
-        """Return the robots whose pose was given for a map that they no longer have."""
-        return [robot for robot, epoch in self._epochs.items()
-                if not epochs.get(robot, epoch).same_map(epoch)]
+        """Return robots whose pose was given for a map that they no longer have, each once."""
+        lapsed = {robot for robot, epoch in self._epochs.items()
+                  if not epochs.get(robot, epoch).same_map(epoch)} - self._lapsed
+        self._lapsed |= lapsed
+        return sorted(lapsed)
 
     def constraints(self, epochs: Mapping[str, Epoch]) -> list[MapConstraint]:
         """Tie the maps together whose poses hold."""

@@ -55,7 +55,7 @@ class Outbox:
         """
         state = fitting(TeamState(self.session, snapshot.constraints, snapshot.departed,
                                   snapshot.epoch, since, self._number,
-                                  refuted=snapshot.refuted))
+                                  refuted=snapshot.refuted, given=snapshot.given))
         said, at = self._said
         text = encode_state(state)
         if text == said and now - at < TUNING.heartbeat:

@@ -81,7 +81,6 @@ class FusionSession:
         self.presence, self._jumps = Presence(), Jumps()
         self._world = WorldWatch(name, JUMPS.distance, JUMPS.heading, say)
         self._drawing = GlobalDrawing(config.robot_radius, say)
-        self._lapsed: set[str] = set()
         self.elastic = ElasticSession(name, clock, say, matchers)
         self.path: Array | None = None
         self.refresh()
@@ -113,10 +112,15 @@ class FusionSession:
         """Return which map a robot has now, or had last; None where nobody told."""
         return self._team.epochs.get(robot)
 
-    def begin(self, robot: str, epoch: Epoch, now: float, keep_map: bool = False) -> bool:
-        """Note which map a robot has now; return whether it began another one."""
+    def begin(self, robot: str, epoch: Epoch, now: float, keep_map: bool = False,
+              given: Epoch | None = None) -> bool:
+        """Note which map a robot has now, and had at its given pose; return whether it is new."""
         before, old = self._team.begun[robot], self._team.epochs.get(robot)
-        if not self._team.begin(robot, epoch, keep_map):
+        self._team.known.bind(robot, given or epoch)
+        began = self._team.begin(robot, epoch, keep_map)
+        for lapsed in self._team.known.lapsed(self._team.epochs):
+            self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
+        if not began:
             return False
         back = bool(old and old.same_map(epoch))
         pause = min(TUNING.first_pause * 2.0 ** min(before, MOST_DOUBLINGS),
@@ -128,9 +132,6 @@ class FusionSession:
             self._jumps.forget(peer)
             self._words.pop(peer, None)
         self._say(begun(robot, str(epoch), before + 1, pause, back))
-        for lapsed in sorted(set(self._team.known.lapsed(self._team.epochs)) - self._lapsed):
-            self._lapsed.add(lapsed)
-            self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
         return True
 
     def take_map(self, robot: str, shared: SharedMap, lent: bool = False) -> bool:
@@ -211,7 +212,8 @@ class FusionSession:
             self._world.changes,
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
             self._team.epochs.get(self._name), dict(self._team.begun), placed,
-            self.presence.whereabouts(self._name, self._team.epochs), refuted)
+            self.presence.whereabouts(self._name, self._team.epochs), refuted,
+            self._team.known.given(self._name))
         return self.snapshot
 
     def _bent(self, world: dict[str, Pose], anchor: str) -> dict[str, Pose]:

@@ -37,7 +37,8 @@ class TeamState(NamedTuple):
 
     session changes whenever the node is started, number grows with every state of a session.
     epoch: which map the robot has now, None where it has none; since: stamp [ns] from which on its
-    clusters are of that map. whereabouts: where it was when others were where. refuted: the robots
+    clusters are of that map. given: which map of it the user's initial pose is of, None where none
+    was given. whereabouts: where it was when others were where. refuted: the robots
     whose bonds with it contradict its own views.
     """
 
@@ -49,6 +50,7 @@ class TeamState(NamedTuple):
     number: int = 0
     whereabouts: tuple[Whereabouts, ...] = ()
     refuted: tuple[str, ...] = ()
+    given: Epoch | None = None
 
 
 def fitting(state: TeamState) -> TeamState:
@@ -66,7 +68,7 @@ def encode_state(state: TeamState) -> str:
     """Write a state; numbers keep every digit, so that all robots compute with the same."""
     return json.dumps({
         'version': VERSION, 'session': state.session, 'number': state.number,
-        'epoch': None if state.epoch is None else str(state.epoch), 'since': state.since,
+        'epoch': _text(state.epoch), 'given': _text(state.given), 'since': state.since,
         'constraints': [_record(constraint) for constraint in state.constraints],
         'departed': [{'robot': gone.robot, 'epoch': str(gone.epoch), 'known': gone.known,
                       'constraints': [_record(constraint) for constraint in gone.constraints]}
@@ -90,7 +92,8 @@ def decode_state(text: str) -> TeamState:
 
 def _state(record: dict[str, Any]) -> TeamState:
     """Read a state that has been parsed."""
-    epoch = None if record['epoch'] is None else Epoch.read(record['epoch'])
+    epoch, given = (None if one is None else Epoch.read(one)
+                    for one in (record['epoch'], record.get('given')))
     constraints, gone = _constraints(record['constraints']), record['departed']
     if not isinstance(gone, list) or len(gone) > MAX_DEPARTED:
         raise ValueError(f'state of more than {MAX_DEPARTED} robots that are gone')
@@ -102,7 +105,12 @@ def _state(record: dict[str, Any]) -> TeamState:
     return TeamState(_session(record['session']), constraints, departed, epoch,
                      _count(record['since']), _count(record['number']),
                      read_whereabouts(record.get('whereabouts', [])),
-                     _names(record.get('refuted', [])))
+                     _names(record.get('refuted', [])), given)
+
+
+def _text(epoch: Epoch | None) -> str | None:
+    """Write an epoch, where there is one."""
+    return None if epoch is None else str(epoch)
 
 
 def _names(values: Any) -> tuple[str, ...]:

@@ -54,7 +54,8 @@ STATES = st.builds(
                        st.lists(constraints(), max_size=2).map(tuple), EPOCHS),
              max_size=2).map(tuple),
     st.none() | EPOCHS, st.integers(0, 2 ** 61), st.integers(0, 2 ** 61),
-    st.lists(WHEREABOUTS, max_size=2).map(tuple))
+    st.lists(WHEREABOUTS, max_size=2).map(tuple), st.lists(NAMES, max_size=2).map(tuple),
+    st.none() | EPOCHS)
 
 
 @st.composite

@@ -187,3 +187,20 @@ def test_a_robot_that_is_heard_no_more_leaves_nothing_behind() -> None:
     listener.look(True)
     assert listener.session.scouting.unlikely == set()
     assert len(listener.session.scouting._peers) == 0
+
+
+@pytest.mark.parametrize('first, joined', [(None, True), (EPOCH, True), (Epoch('1d'), False)])
+def test_a_late_listener_hears_for_which_map_the_user_gave_a_pose(first: Epoch | None,
+                                                                 joined: bool) -> None:
+    """A robot that was cut off when z began its second map gave it the pose of the first."""
+    listener, said = Listener(), list[str]()
+    listener.session = listener.inbox._session = FusionSession(
+        'a', TeamConfig(known_init_poses=True, initial_poses=('a 0 0 0', 'z 3 0 0')),
+        FusionConfig(), said.append)
+    listener.session.begin('a', Epoch('1f'), 0.0)
+    listener.session.take_map('a', SharedMap(ROOM))
+    listener.hear(STATE, TeamState('ab12', epoch=EPOCH, given=first, number=1))
+    listener.hear(MAP, key_message(version(1), EPOCH, 1))
+    listener.look(True)
+    assert ('z' in listener.session.snapshot.world('a')) == joined
+    assert any('initial_poses of z' in words for words in said) != joined
