@@ -32,8 +32,8 @@ class Snapshot:
     accepted pose was refused on the maps of now; epoch: which map the robot itself has, None
     before the first; begun: how often every robot began another map; placed: T_world_map by robot
     of the connected team, as the views place it where they came; whereabouts: where the robot was
-    when others were where; refuted: peers whose bonds the own views contradict; given: which map of
-    the robot the user's initial pose is of.
+    when others were where; refuted: peers whose bonds the own views contradict; given: which map
+    of the robot the user's initial pose is of.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)

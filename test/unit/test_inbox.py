@@ -190,8 +190,8 @@ def test_a_robot_that_is_heard_no_more_leaves_nothing_behind() -> None:
 
 
 @pytest.mark.parametrize('first, joined', [(None, True), (EPOCH, True), (Epoch('1d'), False)])
-def test_a_late_listener_hears_for_which_map_the_user_gave_a_pose(first: Epoch | None,
-                                                                 joined: bool) -> None:
+def test_a_late_listener_hears_for_which_map_the_user_gave_a_pose(
+        first: Epoch | None, joined: bool) -> None:
     """A robot that was cut off when z began its second map gave it the pose of the first."""
     listener, said = Listener(), list[str]()
     listener.session = listener.inbox._session = FusionSession(
