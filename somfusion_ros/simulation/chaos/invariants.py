@@ -17,9 +17,10 @@ from somfusion_ros.simulation.chaos.tapes import Tape
 from somfusion_ros.slam.epoch import Epoch
 
 EQUAL = 0.999        # share of the known cells in which all global maps must agree,
-SPOILT = 0.99        # and where a map in them is a liar's, or lies where another's start pose has
-#                      it: what it calls driven, and so free, counts only for those whose own match
-#                      accepted it, and nobody frees its own walls
+SPOILT = 0.99        # and where a map in them is a liar's, lies where another's start pose has it,
+#                      or is of a place that looks alike: what it calls driven, and so free,
+#                      counts only for those whose own match accepted it, and nobody frees its
+#                      own walls
 SURE = 3.5           # sigmas, and
 NEAR = 0.5           # [m] within which an accepted transform must be
 BENT = 1.0           # [m] within which views must leave it,
@@ -181,15 +182,18 @@ class Invariants:
             self._compare(members)
 
     def _all_true(self, station: Station, world: Mapping[str, Pose]) -> bool:
-        """Return whether no map in a world is a liar's, or misplaced by a given start pose."""
-        return world.keys() <= self._robots.keys() and not (
-            station.config.known_init_poses and any(self._robots[name].moved for name in world))
+        """Return whether no map in a world is a liar's, of another end, or misplaced by a user."""
+        return (world.keys() <= self._robots.keys()
+                and not any(self._robots[name].tape.alike_until for name in world)
+                and not (station.config.known_init_poses
+                         and any(self._robots[name].moved for name in world)))
 
     def _compare(self, members: list[Station]) -> None:
         """Check that poses and drawn maps of one group are the same."""
         first = world_of(members[0])
         drawn = [one.drawn for one in members if one.drawn is not None]
-        if len(first) > 1 and len(drawn) == len(members):
+        bent = {frozenset(one.session.elastic.solved) for one in members}   # else other pictures
+        if len(first) > 1 and len(drawn) == len(members) and len(bent) == 1:
             least = EQUAL if self._all_true(members[0], first) else SPOILT
             for grid in drawn[1:]:
                 share = alike(drawn[0], grid)
