@@ -6,9 +6,9 @@ What the team knows of robots that are gone, for those who come later.
 A robot that left, died or is out of reach has mapped something and joined maps. Who knew it tells
 the others so, and hands its map on when asked. Where the words differ on which map it had, the
 one that most robots name counts; who knew it itself believes no single other, and no words that
-contradict what it heard. Of those who knew that map, the one that knows most of it counts, then
-the one whose name sorts first, so that all agree. A robot of whose map nothing is left is
-forgotten.
+contradict what it heard, unless more robots say them. Of those who knew that map, the one that
+knows most of it counts, then the one whose name sorts first, so that all agree. A robot of whose
+map nothing is left is forgotten.
 """
 
 from collections.abc import Collection, Mapping
@@ -103,22 +103,39 @@ class DepartedRobots:
 
     def _believed(self, robot: str, said: list[tuple[str, DepartedRobot]]
                   ) -> list[tuple[str, DepartedRobot]]:
-        """Leave out words on a robot that contradict what is known here of the same map."""
+        """
+        Leave out words on a robot that contradict what is known here of the same map.
+
+        Where more others agree on something else, what is known here is left out instead: of a
+        robot that is gone not all heard the same last.
+        """
+        against = [word for word in said if self._contradicts(robot, *word)]
+        kept = [word for word in said if word not in against]
         heard, epoch = self._team.heard_of(robot), self._team.epochs.get(robot)
-        kept = []
-        for owner, gone in said:
-            if gone.epoch == epoch and gone.constraints and heard:
-                asked = self._compared.get((robot, owner), ((), (), True))
-                if asked[0] is not heard or asked[1] is not gone.constraints:
-                    asked = heard, gone.constraints, _alike(heard, gone.constraints)
-                    self._compared[robot, owner] = asked
-                    if not asked[2]:
-                        self._lies.append(f'{owner} says of {robot}, which is gone, what '
-                                          'contradicts what was heard of it')
-                if owner != self._team.name and not asked[2]:
-                    continue
-            kept.append((owner, gone))
+        with_own = [word for word in kept if word[1].epoch == epoch]
+        if len(against) > len(with_own):
+            groups = [[other for other in against if _alike(one[1].constraints,
+                                                            other[1].constraints)]
+                      for one in against]
+            most = max(groups, key=len)
+            if len(most) > len(with_own) and heard:
+                return [word for word in kept if word not in with_own] + most
         return kept or said      # of a robot whose map never came, there may be others' words only
+
+    def _contradicts(self, robot: str, owner: str, gone: DepartedRobot) -> bool:
+        """Return whether a word on a robot contradicts what is known here; say so once."""
+        heard = self._team.heard_of(robot)
+        if (owner == self._team.name or not (gone.constraints and heard)
+                or gone.epoch != self._team.epochs.get(robot)):
+            return False
+        asked = self._compared.get((robot, owner), ((), (), True))
+        if asked[0] is not heard or asked[1] is not gone.constraints:
+            asked = heard, gone.constraints, _alike(heard, gone.constraints)
+            self._compared[robot, owner] = asked
+            if not asked[2]:
+                self._lies.append(f'{owner} says of {robot}, which is gone, what '
+                                  'contradicts what was heard of it')
+        return not asked[2]
 
     def _cells(self, robot: str) -> int:
         """Count the known cells of a robot's map, once per map."""

@@ -179,3 +179,15 @@ def test_of_a_robot_whose_map_never_came_others_words_are_believed() -> None:
     departed.hear('z', (DepartedRobot('d', 9, (constraint(Pose(9.0, 9.0, 1.0)),)),))
     departed.update({'z'})
     assert departed.sources == {'d': 'z'}
+
+
+def test_of_what_a_robot_said_last_that_counts_which_most_heard() -> None:
+    """Its last word did not reach all: they agree without it, and one alone changes nothing."""
+    team, departed = memory('a', LESS, NEARBY)
+    last = DepartedRobot('d', 9, (constraint(Pose(9.0, 9.0, 1.0)),))
+    departed.hear('y', (last,))
+    departed.update({'y'})
+    assert team.heard_of('d')[0].T_target_source == NEARBY
+    departed.hear('z', (last,))
+    departed.update({'y', 'z'})
+    assert team.heard_of('d')[0].T_target_source == Pose(9.0, 9.0, 1.0)
