@@ -34,6 +34,10 @@ class BridgeTuning:
     agreement: float = tuned(
         0.85, 'share of squares', 'that lasted, below which they do not hang there',
         'benchmarks/slam/carried.py')
+    soon: int = tuned(
+        8, 'views', 'after the first, beyond which the map has drifted', 'belgioioso')
+    drifted: float = tuned(
+        0.7, 'share of squares', 'that counts then', 'benchmarks/slam/carried.py, belgioioso')
 
 
 TUNING = BridgeTuning()
@@ -67,4 +71,5 @@ class Bridge:
                 self._on + on, self._against + against, self._judged + 1)
         if self._judged < TUNING.views:
             return None
-        return self._on < TUNING.agreement * (self._on + self._against)
+        least = TUNING.agreement if new - self.first <= TUNING.soon else TUNING.drifted
+        return self._on < least * (self._on + self._against)

@@ -44,6 +44,16 @@ def test_a_bridge_is_judged_by_what_hangs_on_it(carried: Array) -> None:
     assert said[-1] is bool(carried.any())
 
 
+@pytest.mark.parametrize('soon', [True, False])
+def test_a_map_that_has_drifted_since_must_be_denied_by_more(soon: bool) -> None:
+    """In half of Belgioioso 81 % of what was seen again, 12 views later, was where it should be."""
+    graph = drive(np.zeros(3))
+    newest = graph.ekf.n - 1
+    bridge = Bridge(KNOWN if soon else newest - TUNING.soon - 1, range(KNOWN - 10, KNOWN))
+    bridge._on, bridge._against, bridge._judged = 8000, 2000, TUNING.views - 1
+    assert bridge.denied(newest, graph.ekf, graph.clouds) is soon
+
+
 @pytest.mark.parametrize('weak', [False, True])
 def test_views_that_little_holds_are_taken_back_with_all_after_them(weak: bool) -> None:
     graph = drive(CARRIED)
