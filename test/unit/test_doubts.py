@@ -46,7 +46,7 @@ def test_a_bridge_is_judged_by_what_hangs_on_it(carried: Array) -> None:
 
 @pytest.mark.parametrize('soon', [True, False])
 def test_a_map_that_has_drifted_since_must_be_denied_by_more(soon: bool) -> None:
-    """In half of Belgioioso 81 % of what was seen again, 12 views later, was where it should be."""
+    """In half of Belgioioso 81 % of what was seen again, 12 views later, was where it was."""
     graph = drive(np.zeros(3))
     newest = graph.ekf.n - 1
     bridge = Bridge(KNOWN if soon else newest - TUNING.soon - 1, range(KNOWN - 10, KNOWN))
