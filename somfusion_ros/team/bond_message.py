@@ -90,6 +90,11 @@ class BondHearer:
         self._taken[robot] = message
         return message.bonds
 
+    def forget(self, robot: str) -> None:
+        """Keep no more of a robot than that it told bonds itself."""
+        self._newest[robot] = {}
+        self._taken.pop(robot, None)
+
     def robots(self) -> list[str]:
         """Return the robots of which a message came."""
         return list(self._newest)

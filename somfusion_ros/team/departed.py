@@ -111,16 +111,15 @@ class DepartedRobots:
         """
         against = [word for word in said if self._contradicts(robot, *word)]
         kept = [word for word in said if word not in against]
-        heard, epoch = self._team.heard_of(robot), self._team.epochs.get(robot)
-        with_own = [word for word in kept if word[1].epoch == epoch]
+        with_own = [word for word in kept if word[1].epoch == self._team.epochs.get(robot)]
         if len(against) > len(with_own):
             groups = [[other for other in against if _alike(one[1].constraints,
                                                             other[1].constraints)]
                       for one in against]
             most = max(groups, key=len)
-            if len(most) > len(with_own) and heard:
+            if len(most) > len(with_own):    # of a robot whose map never came, there is none here
                 return [word for word in kept if word not in with_own] + most
-        return kept or said      # of a robot whose map never came, there may be others' words only
+        return kept
 
     def _contradicts(self, robot: str, owner: str, gone: DepartedRobot) -> bool:
         """Return whether a word on a robot contradicts what is known here; say so once."""

@@ -75,6 +75,8 @@ class ViewInbox:
                 bonds = self._hearer.take(robot, heard.session if heard else '')
                 if bonds is not None:
                     self._try(robot, BONDS, self._elastic.take_bonds, bonds)
+            if robot not in self._heard:     # it is heard no more: what it told is taken
+                self._hearer.forget(robot)
 
     def _note(self, robot: str, channel: str, data: bytes) -> None:
         """Count a message."""

@@ -36,7 +36,8 @@ def test_noise_is_a_message_or_refused_with_a_line(data: bytes) -> None:
 def test_the_last_of_a_session_counts_in_any_order(order: list[int], again: bool) -> None:
     told: list[bytes] = []
     counted: list[str] = []
-    inbox = ViewInbox(_taking(told), {}, lambda kind, reason='': counted.append(kind), lambda: 0.0)
+    inbox = ViewInbox(_taking(told), {'robot1': Heard()},
+                      lambda kind, reason='': counted.append(kind), lambda: 0.0)
     for number in order:
         inbox.keep_bonds('robot1', BondMessage('one', number, b'%d' % number).encode())
         if again:
@@ -87,3 +88,14 @@ def _taking(told: list[bytes]) -> object:
         def take_bonds(self, robot: str, bonds: bytes) -> None:
             told.append(bonds)
     return Elastic()
+
+
+def test_of_a_robot_that_is_heard_no_more_no_bonds_are_kept() -> None:
+    """However many names come and go: a message may have a megabyte, and eight sessions count."""
+    hearer = BondHearer()
+    hearer.keep('z', BondMessage('ab', 1, b'bonds'))
+    assert hearer.take('z', 'ab') == b'bonds'
+    hearer.forget('z')
+    assert hearer.take('z', 'ab') is None
+    assert not hearer._taken and not any(hearer._newest.values())
+    assert hearer.robots() == ['z'], 'what others hand on of it is older'
