@@ -15,6 +15,7 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP
 from somfusion_ros.team.heard import TimedPose
 from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.seal import Sealer
 from somfusion_ros.team.shared_map import MapCells
 from somfusion_ros.team.snapshot import Snapshot
 from somfusion_ros.team.state_codec import encode_state, fitting, TeamState
@@ -34,10 +35,14 @@ TUNING = OutboxTuning()
 
 
 class Outbox:
-    """Decides what is worth telling now; what carries it is up to the caller."""
+    """
+    Decides what is worth telling now; what carries it is up to the caller.
 
-    def __init__(self, session: str) -> None:
-        self.session = session
+    session: in which the robot of that name speaks; secret (32 bytes): with which it seals.
+    """
+
+    def __init__(self, session: str, name: str, secret: bytes) -> None:
+        self.session, self._sealer = session, Sealer(name, secret)
         self._number = 0
         self._epoch = Epoch()
         self._encoder = MapEncoder()
@@ -56,6 +61,7 @@ class Outbox:
         state = fitting(TeamState(self.session, snapshot.constraints, snapshot.departed,
                                   snapshot.epoch, since, self._number,
                                   refuted=snapshot.refuted, given=snapshot.given))
+        state = state._replace(seal=self._sealer.seal(state.epoch, state.constraints))
         said, at = self._said
         text = encode_state(state)
         if text == said and now - at < TUNING.heartbeat:

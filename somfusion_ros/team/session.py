@@ -8,7 +8,7 @@ need is handed out as snapshots that never change.
 """
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from somfusion_ros.fusion.cache import FusionCache
@@ -17,7 +17,6 @@ from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.constraint import MapConstraint
@@ -29,6 +28,7 @@ from somfusion_ros.team.jumps import Jumps
 from somfusion_ros.team.jumps import TUNING as JUMPS
 from somfusion_ros.team.matchers import Matchers
 from somfusion_ros.team.members import Team
+from somfusion_ros.team.pausing import pause_after
 from somfusion_ros.team.presence import impossible, Presence
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
@@ -37,23 +37,6 @@ from somfusion_ros.team.state_codec import TeamState
 from somfusion_ros.team.words import begun, sentence
 from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
 
-MOST_DOUBLINGS = 16   # of the pause after a new map; by then it is as long as it gets
-
-
-@dataclass(frozen=True)
-class SessionTuning:
-    """How long a peer that begins maps anew is left alone."""
-
-    first_pause: float = tuned(
-        5.0, 's', 'a peer that begins a new map for the second time is not matched for twice '
-        'this time, and twice as long again every time after', 'by design')
-    longest_pause: float = tuned(
-        600.0, 's', 'a peer is never left alone for longer', 'by design')
-    longest_return: float = tuned(
-        30.0, 's', 'nor for longer than this where its map went back', 'by design')
-
-
-TUNING = SessionTuning()
 ELASTIC = ''    # in place of a robot's name: what is drawn of views
 
 
@@ -61,16 +44,18 @@ class FusionSession:
     """
     One robot's team, its verdicts and its global map.
 
-    elastic: what views add; path (n, 3): the own views in the own map as it is now, if known.
+    elastic: what views add; path (n, 3): the own views in the own map as it is now, if known. What
+    is wrong is counted under a name, with a reason.
     """
 
     def __init__(self, name: str, config: TeamConfig, fusion: FusionConfig,
                  say: Callable[[str], object], clock: Callable[[], float] = lambda: 0.0,
-                 matchers: Matchers = Matchers()) -> None:
+                 matchers: Matchers = Matchers(),
+                 count: Callable[[str, str], object] = lambda kind, reason: None) -> None:
         known = {robot: Pose(*pose) for robot, pose in config.known_poses().items()}
         self.fusion = fusion
         self._cache, self._matchers, self.snapshot = FusionCache(), matchers, Snapshot()
-        self._name, self._config, self._say = name, config, say
+        self._name, self._config, self._say, self._count = name, config, say, count
         self._team = Team(name, config.minimum_change, known if config.known_init_poses else {},
                           matchers)
         self._departed = DepartedRobots(self._team)
@@ -123,8 +108,7 @@ class FusionSession:
         if not began:
             return False
         back = bool(old and old.same_map(epoch))
-        pause = min(TUNING.first_pause * 2.0 ** min(before, MOST_DOUBLINGS),
-                    TUNING.longest_return if back else TUNING.longest_pause) if before else 0.0
+        pause = pause_after(before, back)
         self._looked[robot] = now + pause
         self.scouting.look_again(robot)
         self.presence.forget(None if robot == self._name else robot)
@@ -136,13 +120,17 @@ class FusionSession:
 
     def take_map(self, robot: str, shared: SharedMap, lent: bool = False) -> bool:
         """Update a robot's map, or what others lend of it; return whether it changed anything."""
-        return self._team.update_map(robot, shared, lent)
+        try:
+            return self._team.update_map(robot, shared, lent)
+        except ValueError:
+            self._departed.refuse(robot)
+            raise
 
     def take_state(self, owner: str, state: TeamState) -> None:
         """Replace all that a peer accepts, and what it knows of robots; note where they were."""
         self.presence.believe(owner, self._name, state.whereabouts)
         self._team.hear(owner, state.constraints)
-        self._departed.hear(owner, state.departed)
+        self._departed.hear(owner, state.departed, state.seal)
         self.elastic.hear_refuted(owner, state.refuted)
 
     def add_constraint(self, owner: str, constraint: MapConstraint) -> None:
@@ -188,8 +176,8 @@ class FusionSession:
 
     def refresh(self, present: Collection[str] | None = None) -> Snapshot:
         """Place all maps anew by what is known now, and by who is there, if that is given."""
-        for lie in self._departed.update(present) if present is not None else ():
-            self._say(lie)
+        for owner, lie in self._departed.update(present) if present is not None else ():
+            self._count(f'state_of_{owner}_contradicts_absent', lie)
         solution, pairs = self._team.solution(), self._team.pairs
         dropped = {(d.constraint.robots, d.constraint.kind): d.reason for d in solution.dropped}
         for new in [key for key in dropped if key not in self._dropped]:
@@ -213,7 +201,7 @@ class FusionSession:
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
             self._team.epochs.get(self._name), dict(self._team.begun), placed,
             self.presence.whereabouts(self._name, self._team.epochs), refuted,
-            self._team.known.given(self._name))
+            self._team.known.given(self._name), dict(self._departed.lies))
         return self.snapshot
 
     def _bent(self, world: dict[str, Pose], anchor: str) -> dict[str, Pose]:
@@ -233,6 +221,7 @@ class FusionSession:
 
     def forget(self, robot: str) -> None:
         """Forget how a robot stood with this one, which is heard no more; its map may stay."""
+        self._departed.forget(robot)
         self._looked.pop(robot, None)
         self._words.pop(robot, None)
         self.scouting.forget(robot)

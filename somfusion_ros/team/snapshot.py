@@ -9,7 +9,7 @@ from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.departed import DepartedRobot
+from somfusion_ros.team.last_words import DepartedRobot
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.solution import Solution
 from somfusion_ros.team.whereabouts import Whereabouts
@@ -33,7 +33,8 @@ class Snapshot:
     before the first; begun: how often every robot began another map; placed: T_world_map by robot
     of the connected team, as the views place it where they came; whereabouts: where the robot was
     when others were where; refuted: peers whose bonds the own views contradict; given: which map
-    of the robot the user's initial pose is of.
+    of the robot the user's initial pose is of; suspected: peers that say what cannot be, each with
+    a sentence.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
@@ -56,6 +57,7 @@ class Snapshot:
     whereabouts: tuple[Whereabouts, ...] = ()
     refuted: tuple[str, ...] = ()
     given: Epoch | None = None
+    suspected: Mapping[str, str] = field(default_factory=dict)
 
     def lookouts(self, robot: str) -> list[Pose]:
         """Return poses in a robot's own map from where a look would settle ambiguous verdicts."""

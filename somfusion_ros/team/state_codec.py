@@ -16,10 +16,11 @@ import numpy as np
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint, sane_covariance
-from somfusion_ros.team.departed import DepartedRobot
+from somfusion_ros.team.last_words import DepartedRobot
 from somfusion_ros.team.names import robot_name
+from somfusion_ros.team.seal import decode_seal, encode_seal, record_of, Seal, UPPER
 from somfusion_ros.team.shared_map import TUNING
-from somfusion_ros.team.whereabouts import read_whereabouts, record_of, Whereabouts
+from somfusion_ros.team.whereabouts import place_record, read_whereabouts, Whereabouts
 
 VERSION = 2
 MAX_STATE = 1 << 19      # bytes of a state; a constraint takes half a kilobyte at most
@@ -27,7 +28,6 @@ MAX_CONSTRAINTS = 256    # that one robot can have accepted
 MAX_DEPARTED = 64        # robots that are gone
 SESSION = re.compile(r'[0-9a-z]{1,32}')
 KINDS = ('match', 'sighting')
-UPPER = np.triu_indices(3)
 LATEST = 1 << 62         # stamps [ns] and numbers are below
 
 
@@ -39,7 +39,7 @@ class TeamState(NamedTuple):
     epoch: which map the robot has now, None where it has none; since: stamp [ns] from which on its
     clusters are of that map. given: which map of it the user's initial pose is of, None where none
     was given. whereabouts: where it was when others were where. refuted: the robots
-    whose bonds with it contradict its own views.
+    whose bonds with it contradict its own views. seal: of its constraints and its epoch.
     """
 
     session: str
@@ -51,17 +51,24 @@ class TeamState(NamedTuple):
     whereabouts: tuple[Whereabouts, ...] = ()
     refuted: tuple[str, ...] = ()
     given: Epoch | None = None
+    seal: Seal | None = None
 
 
 def fitting(state: TeamState) -> TeamState:
-    """Leave out what others would refuse, where a robot knows more than a state can say."""
+    """
+    Leave out what others would refuse, where a robot knows more than a state can say.
+
+    Of robots that are gone those that had said least are told first: a seal is of all or nothing.
+    """
     said = sorted(state.constraints, key=lambda one: one.kind != KINDS[0])[:MAX_CONSTRAINTS]
-    departed = state.departed[:MAX_DEPARTED]
-    room = (2 * MAX_CONSTRAINTS - len(said)) // max(1, len(departed))
+    room, departed = 2 * MAX_CONSTRAINTS - len(said), {}
+    for gone in sorted(state.departed[:MAX_DEPARTED], key=lambda one: len(one.constraints)):
+        size = len(gone.constraints)
+        fits = size <= min(room, MAX_CONSTRAINTS)
+        room -= size * fits
+        departed[gone.robot] = gone if fits else replace(gone, constraints=(), seal=None)
     return state._replace(constraints=tuple(said), refuted=state.refuted[:MAX_DEPARTED],
-                          departed=tuple(
-        replace(gone, constraints=gone.constraints[:min(room, MAX_CONSTRAINTS)])
-        for gone in departed))
+                          departed=tuple(departed[robot] for robot in sorted(departed)))
 
 
 def encode_state(state: TeamState) -> str:
@@ -69,11 +76,13 @@ def encode_state(state: TeamState) -> str:
     return json.dumps({
         'version': VERSION, 'session': state.session, 'number': state.number,
         'epoch': _text(state.epoch), 'given': _text(state.given), 'since': state.since,
-        'constraints': [_record(constraint) for constraint in state.constraints],
+        'seal': encode_seal(state.seal),
+        'constraints': [record_of(constraint) for constraint in state.constraints],
         'departed': [{'robot': gone.robot, 'epoch': str(gone.epoch), 'known': gone.known,
-                      'constraints': [_record(constraint) for constraint in gone.constraints]}
+                      'seal': encode_seal(gone.seal),
+                      'constraints': [record_of(constraint) for constraint in gone.constraints]}
                      for gone in state.departed],
-        'whereabouts': [record_of(told) for told in state.whereabouts],
+        'whereabouts': [place_record(told) for told in state.whereabouts],
         'refuted': state.refuted})
 
 
@@ -98,14 +107,15 @@ def _state(record: dict[str, Any]) -> TeamState:
     if not isinstance(gone, list) or len(gone) > MAX_DEPARTED:
         raise ValueError(f'state of more than {MAX_DEPARTED} robots that are gone')
     departed = tuple(DepartedRobot(robot_name(one['robot']), _count(one['known']),
-                                   _constraints(one['constraints']), Epoch.read(one['epoch']))
+                                   _constraints(one['constraints']), Epoch.read(one['epoch']),
+                                   decode_seal(one.get('seal')))
                      for one in gone)
     if len(constraints) + sum(len(one.constraints) for one in departed) > 2 * MAX_CONSTRAINTS:
         raise ValueError(f'state of more than {2 * MAX_CONSTRAINTS} constraints in all')
     return TeamState(_session(record['session']), constraints, departed, epoch,
                      _count(record['since']), _count(record['number']),
                      read_whereabouts(record.get('whereabouts', [])),
-                     _names(record.get('refuted', [])), given)
+                     _names(record.get('refuted', [])), given, decode_seal(record.get('seal')))
 
 
 def _text(epoch: Epoch | None) -> str | None:
@@ -118,14 +128,6 @@ def _names(values: Any) -> tuple[str, ...]:
     if not isinstance(values, list) or len(values) > MAX_DEPARTED:
         raise ValueError(f'no list of at most {MAX_DEPARTED} robots')
     return tuple(map(robot_name, values))
-
-
-def _record(constraint: MapConstraint) -> dict[str, Any]:
-    """Write one constraint."""
-    return {'target': constraint.target, 'source': constraint.source, 'kind': constraint.kind,
-            'epochs': [str(epoch) for epoch in constraint.epochs],
-            'pose': list(constraint.T_target_source), 'probability': float(constraint.probability),
-            'covariance': constraint.covariance[UPPER].tolist()}
 
 
 def _constraints(items: Any) -> tuple[MapConstraint, ...]:

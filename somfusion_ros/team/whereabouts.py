@@ -33,7 +33,7 @@ class Whereabouts(NamedTuple):
     places: tuple[Places, ...]
 
 
-def record_of(told: Whereabouts) -> dict[str, Any]:
+def place_record(told: Whereabouts) -> dict[str, Any]:
     """Return what is written of whereabouts."""
     return {'robot': told.robot, 'epochs': [str(epoch) for epoch in told.epochs],
             'places': [[round(number, DIGITS) for place in pair for number in place]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smaller parts of the nodes: diagnostics, drawing, the player."""
 
+from dataclasses import replace
 import logging
 from pathlib import Path
 import sys
@@ -173,6 +174,9 @@ def test_two_views_of_a_room_are_joined_and_drawn_once() -> None:
     assert float(values['V']) > 80.0
     assert {'overlap', 'J', 'runner_up', 'reason', 'ms_per_attempt', 'map_age_s',
             'bytes_received', 'bytes_of_views', 'view_age_s'} <= values.keys()
+    lies = replace(snapshot, suspected={'robot2': 'robot2 says what cannot be'})
+    peer = fusion_statuses('node', 'robot1', lies, heard, {}, 1.0, 30.0)[1]
+    assert (peer.level, peer.message) == (DiagnosticStatus.WARN, 'robot2 says what cannot be')
     work.reset()
     assert work.snapshot.world('robot1') == {'robot1': Pose()}
     assert work.draw() is not None   # the old global map does not stay

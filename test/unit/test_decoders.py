@@ -13,8 +13,9 @@ import pytest
 from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.departed import DepartedRobot
+from somfusion_ros.team.last_words import DepartedRobot
 from somfusion_ros.team.map_codec import epoch_of, HEADER, MapDecoder, MapEncoder
+from somfusion_ros.team.seal import Seal
 from somfusion_ros.team.shared_map import DRIVEN, MapCells
 from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState
 from somfusion_ros.team.whereabouts import Whereabouts
@@ -47,15 +48,17 @@ METRES = st.integers(-1000, 1000).map(lambda number: number / 100)
 PLACES = st.tuples(st.tuples(METRES, METRES), st.tuples(METRES, METRES))
 WHEREABOUTS = st.builds(Whereabouts, NAMES, st.tuples(EPOCHS, EPOCHS),
                         st.lists(PLACES, max_size=3).map(tuple))
+SEALS = st.none() | st.builds(Seal, st.binary(min_size=32, max_size=32), st.integers(0, 2 ** 61),
+                              st.binary(min_size=64, max_size=64))
 STATES = st.builds(
     TeamState, st.from_regex('[0-9a-z]{1,32}', fullmatch=True),
     st.lists(constraints(), max_size=4).map(tuple),
     st.lists(st.builds(DepartedRobot, NAMES, st.integers(0, 10 ** 9),
-                       st.lists(constraints(), max_size=2).map(tuple), EPOCHS),
+                       st.lists(constraints(), max_size=2).map(tuple), EPOCHS, SEALS),
              max_size=2).map(tuple),
     st.none() | EPOCHS, st.integers(0, 2 ** 61), st.integers(0, 2 ** 61),
     st.lists(WHEREABOUTS, max_size=2).map(tuple), st.lists(NAMES, max_size=2).map(tuple),
-    st.none() | EPOCHS)
+    st.none() | EPOCHS, SEALS)
 
 
 @st.composite
@@ -84,7 +87,8 @@ def test_a_state_comes_back_to_the_last_digit(state: TeamState) -> None:
     assert all(map(same, again.constraints, state.constraints))
     assert len(again.constraints) == len(state.constraints)
     for one, other in zip(again.departed, state.departed, strict=True):
-        assert (one.robot, one.known, one.epoch) == (other.robot, other.known, other.epoch)
+        assert (one.robot, one.known, one.epoch, one.seal) == (
+            other.robot, other.known, other.epoch, other.seal)
         assert all(map(same, one.constraints, other.constraints))
 
 

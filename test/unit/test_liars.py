@@ -3,6 +3,7 @@
 """What a liar can do to a team, and what it cannot: bounded time, one voice, no ghosts."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import combinations
 import time
 import tracemalloc
@@ -19,14 +20,16 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP, STATE
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.constraint import MapConstraint, sane_covariance, turned
-from somfusion_ros.team.departed import DepartedRobot, DepartedRobots
+from somfusion_ros.team.departed import DepartedRobots
 from somfusion_ros.team.global_map import merge_grids
 from somfusion_ros.team.graph import solve
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox
-from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.last_words import DepartedRobot
+from somfusion_ros.team.map_codec import key_message, MapEncoder
 from somfusion_ros.team.members import Team
 from somfusion_ros.team.names import robot_name
+from somfusion_ros.team.seal import Sealer
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, MOST_WALLS, SharedMap
 from somfusion_ros.team.state_codec import (decode_state, encode_state, fitting,
@@ -287,7 +290,8 @@ def test_where_a_peer_has_driven_counts_once_the_own_match_accepted_it() -> None
 
 def station(counts: list[str], clock: list[float]) -> tuple[Inbox, FusionSession]:
     """Make what robot a hears its peers with."""
-    session = FusionSession('a', TeamConfig(), FusionConfig(), lambda text: None)
+    session = FusionSession('a', TeamConfig(), FusionConfig(), lambda text: None,
+                            count=lambda kind, reason: counts.append(kind))
     inbox = Inbox('a', session, 10 ** 6, lambda kind, reason='': counts.append(kind),
                   lambda: clock[0])
     inbox.heard['a'] = Heard()
@@ -363,17 +367,57 @@ def test_what_a_robot_knows_always_fits_into_its_state() -> None:
         team.hear(robot, [MapConstraint(robot, f'g{k}', Pose(), GOOD) for k in range(250)]
                   + [MapConstraint('a', robot, Pose(), GOOD)])
     gone = DepartedRobots(team)
+    for robot in ('b', 'c', 'd'):
+        gone.hear(robot, (), Sealer(robot, 32 * b'k').seal(Epoch(), team.heard_of(robot)))
     gone.update(())
     assert [robot.constraints[0].robots for robot in gone.known] == [('a', n) for n in 'bcd']
     many = tuple(MapConstraint('a' * 64, f'{k:064}'.replace('0', 'b'), Pose(1.0 / 3, 1.0 / 7, 0.1),
                                GOOD, 1.0 / 3, kind, (Epoch('z' * 32, 10 ** 8), Epoch('z' * 32)))
                  for k in range(300) for kind in ('match', 'sighting'))
-    told = decode_state(encode_state(fitting(TeamState('ab12', many, tuple(
-        DepartedRobot(f'g{k}', 9, many) for k in range(70))))))
+    few = Sealer('h', 32 * b'k').seal(Epoch(), many[:9])
+    told = decode_state(encode_state(fitting(TeamState('ab12', many, (*(
+        DepartedRobot(f'g{k}', 9, many) for k in range(40)), DepartedRobot(
+            'h', 9, many[:9], Epoch(), few), *(
+        DepartedRobot(f'k{k}', 9, many[:100]) for k in range(40)))))))
     assert len(told.constraints) == MAX_CONSTRAINTS
     assert {one.kind for one in told.constraints} == {'match'}
     assert len(told.departed) == 64
-    assert all(one.constraints for one in told.departed)
+    assert {one.robot: one.seal for one in told.departed if one.seal} == {'h': few}
+    assert {len(one.constraints) for one in told.departed} == {0, 9, 100}
+
+
+def test_a_lie_about_a_robot_that_is_gone_is_counted_and_its_author_suspected() -> None:
+    """Words that it did not say, and a map that is not like its own."""
+    clock, counts = [0.0], []
+    inbox, session = station(counts, clock)
+    for robot in 'dz':
+        inbox.heard[robot] = Heard()
+    said = (MapConstraint('a', 'd', Pose(1, 2, 0.3), GOOD, epochs=(Epoch('1f'), Epoch('2e'))),)
+    epoch = Epoch('2e')
+    seal = Sealer('d', 32 * b'd').seal(epoch, said)
+    inbox.keep('d', STATE, state(1, constraints=said, seal=seal), 0, decode_state)
+    encoder = MapEncoder()
+    encoder.encode(SharedMap(fake_grid(fake_room())).to_cells(), epoch)
+    inbox.keep('d', MAP, encoder.key, len(encoder.key), bytes)
+    inbox.drain()
+    session.refresh({'d'})
+    lie = (replace(said[0], T_target_source=Pose(9, 9, 1.0)),)
+    inbox.keep('z', STATE, state(1, departed=(DepartedRobot('d', 10 ** 9, lie, epoch, seal),)), 0,
+               decode_state)
+    inbox.drain()
+    assert {*session.refresh({'z'}).suspected} == {'z'}
+    assert counts == ['state_of_z_contradicts_absent']
+    inbox.keep('z', STATE, state(2, departed=(DepartedRobot('d', 10 ** 9, said, epoch, seal),)), 0,
+               decode_state)
+    inbox.drain()
+    assert session.refresh({'z'}).sources == {'d': 'z'}
+    key = key_message(SharedMap(fake_grid(fake_room(), T_map_walls=Pose(20, 20, 1))).to_cells(),
+                      epoch)
+    inbox.keep('d', MAP, key, len(key), bytes)
+    inbox.drain()
+    assert {*session.refresh({'z'}).suspected} == {'z'}
+    assert not session.snapshot.sources
+    assert counts[1:] == ['map_of_d_unusable', 'state_of_z_contradicts_absent']
 
 
 def test_a_map_that_is_late_does_not_replace_a_newer_one() -> None:

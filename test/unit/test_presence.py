@@ -208,7 +208,7 @@ def test_a_node_that_begins_anew_is_told_where_robots_were_and_hands_it_on() -> 
     for pose in WAY:
         for peer in 'ac':
             there.meet(peer, Meeting(pose, pose))
-    said = Outbox('ab12')
+    said = Outbox('ab12', 'b', bytes(32))
     first = said.state(Snapshot(), 0, 0.0)
     assert first is not None and not decode_state(first).whereabouts
     now = Snapshot(whereabouts=there.whereabouts('b', epochs))

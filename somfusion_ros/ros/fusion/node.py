@@ -69,7 +69,7 @@ class FusionNode(ManagedNode):
         self._prefix = team_prefix(self.get_namespace(), self._name)
         self._frames = Frames(self._name, config.map_frame, config.world_frame)
         session = FusionSession(self._name, self._team, self._fusion, self.get_logger().info,
-                                time.monotonic)
+                                time.monotonic, count=self._count)
         self._inbox = Inbox(self._name, session, config.max_map_cells, self._count,
                             time.monotonic, self._stamp)
         self._inbox.heard[self._name] = Heard()

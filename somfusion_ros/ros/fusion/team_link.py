@@ -11,6 +11,7 @@ gets what counts now and nothing else.
 
 from collections.abc import Callable, Collection
 from functools import partial
+from secrets import token_bytes
 from typing import Any
 from uuid import uuid4
 
@@ -22,6 +23,7 @@ from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.team_messages import bytes_message
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP
+from somfusion_ros.team.ed25519 import KEY
 from somfusion_ros.team.heard import TimedPose
 from somfusion_ros.team.outbox import Outbox
 from somfusion_ros.team.shared_map import MapCells
@@ -38,7 +40,7 @@ class TeamLink:
     def __init__(self, node: Any, prefix: str, receiver: Receiver,
                  count: Callable[..., None]) -> None:
         self._node, self._receiver, self._count = node, receiver, count
-        self._outbox = Outbox(uuid4().hex[:12])
+        self._outbox = Outbox(uuid4().hex[:12], receiver.inbox.name, token_bytes(KEY))
         self._epoch: Epoch | None = None
         self._since = 0
         self._wanted: set[str] = set()

@@ -3,6 +3,7 @@
 """A robot that lies, in every way that its seed chooses."""
 
 from functools import cache
+from hashlib import sha256
 import json
 from typing import Any
 
@@ -14,9 +15,10 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.bond_message import BondMessage
 from somfusion_ros.team.channels import BONDS, CHANGES, MAP, POSE, STATE, VIEWS
 from somfusion_ros.team.constraint import MapConstraint
-from somfusion_ros.team.departed import DepartedRobot
 from somfusion_ros.team.heard import TimedPose
+from somfusion_ros.team.last_words import DepartedRobot
 from somfusion_ros.team.map_codec import MapEncoder
+from somfusion_ros.team.seal import Sealer
 from somfusion_ros.team.shared_map import MapCells
 from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState
 
@@ -36,6 +38,7 @@ class Liar:
         self._heard: dict[str, TeamState] = {}
         self._old: list[tuple[str, Any, int]] = []
         self._views: dict[str, list[bytes]] = {}
+        self._sealer = Sealer(name, sha256(name.encode()).digest())
         self.due = 0.0     # [s]: when it says something next
 
     def meet(self, robot: str, now: float) -> None:
@@ -66,9 +69,11 @@ class Liar:
          'views': self._absurd_views, 'bonds': self._bonds}[self.kind](now)
 
     def _state(self, now: float, **parts: Any) -> None:
-        """Say a state."""
-        state = TeamState('11a7', epoch=EPOCH, number=self._number)
-        text = encode_state(state._replace(**parts))
+        """Say a state; every other one is sealed."""
+        state = TeamState('11a7', epoch=EPOCH, number=self._number)._replace(**parts)
+        if self._number % 2:
+            state = state._replace(seal=self._sealer.seal(state.epoch, state.constraints))
+        text = encode_state(state)
         self._network.publish(self.name, STATE, text, len(text), now)
 
     def _pose(self) -> Pose:

@@ -8,6 +8,7 @@ what a real one made.
 """
 
 from collections import Counter
+from hashlib import sha256
 import re
 from typing import Any
 
@@ -53,7 +54,7 @@ class Station:
         self.present: set[str] = set()
         self._network, self._matching, self._now = network, matching, 0.0
         self.session = FusionSession(name, config, FusionConfig(), self.words.append,
-                                     self._steady, matching)
+                                     self._steady, matching, self._count)
         self.inbox = Inbox(name, self.session, MAX_CELLS, self._count, self._steady,
                            lambda: 1e-9 * clock.stamp(self._now))
         self.inbox.heard[name] = Heard()
@@ -61,7 +62,7 @@ class Station:
                              self._count, self._steady)
         self.sightings = Sightings(name, self.inbox.heard, self.session.take_sighting,
                                    self._count)
-        self._outbox = Outbox(session)
+        self._outbox = Outbox(session, name, sha256(session.encode()).digest())
         self._since = 0
         self._epoch: Epoch | None = None
         self._departed: dict[str, Any] = {}
