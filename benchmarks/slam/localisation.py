@@ -31,23 +31,29 @@ class Pair:
     """A log in the map of another one, and where the robot should be in it."""
 
     def __init__(self, map_log: Log, log: Log) -> None:
-        self._log, self._map = log, run_robot(map_log, beginning=Beginning())
+        self.log, self._map = log, run_robot(map_log, beginning=Beginning())
         joined = run_robot(log, beginning=Beginning(self._map.checkpoint, Start(anywhere=True)))
         views = self._map.checkpoint.poses
         bent = joined.checkpoint.poses[:len(views)]
         apart, k = cKDTree(bent[:, :2]).query(joined.poses[:, :2])
-        self._stamps, self._near = joined.stamps, apart < NEAR
+        self.stamps, self._near = joined.stamps, apart < NEAR
+        self._poses = joined.poses
         self._truth = compose(views[k], between(bent[k], joined.poses))
 
-    def localised(self) -> dict[str, RobotRun]:
-        """Return the runs in the map as it is drawn, and as a state."""
+    def beginnings(self) -> dict[str, Beginning]:
+        """Return the map as it is drawn, and as a state, to localise in."""
         state = Beginning(self._map.checkpoint, Start(anywhere=True, localization=True))
-        return {name: run_robot(self._log, beginning=beginning) for name, beginning in
-                (('map.yaml', from_grid(self._map.grid)), ('state', state))}
+        return {'map.yaml': from_grid(self._map.grid), 'state': state}
+
+    def driven(self, begin: float, end: float) -> float:
+        """Return the way [m] driven near the map between two stamps [s]."""
+        during = (self.stamps >= begin) & (self.stamps <= end)
+        steps = np.hypot(*np.diff(self._poses[during, :2], axis=0).T)
+        return float(steps[self._near[during][1:]].sum())
 
     def off(self, run: RobotRun) -> tuple[Array, Array]:
         """Return distances and turns (N, 2) [m] [deg] of a run, and the mask near the map."""
-        _, mine, its = np.intersect1d(run.stamps, self._stamps, return_indices=True)
+        _, mine, its = np.intersect1d(run.stamps, self.stamps, return_indices=True)
         d = between(self._truth[its], run.poses[mine])
         off = np.column_stack([np.hypot(d[:, 0], d[:, 1]), np.degrees(np.abs(d[:, 2]))])
         kept = run.stamps[mine] > run.found.stamp
@@ -62,7 +68,8 @@ def main() -> None:
         (None, None, 1, None, *[3, 3, 2, 2] * 2))
     for map_path, path in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
         pair = Pair(open_log(map_path), open_log(path))
-        for name, run in pair.localised().items():
+        for name, beginning in pair.beginnings().items():
+            run = run_robot(pair.log, beginning=beginning)
             names = (Path(path).name, f'{Path(map_path).name}, {name}')
             if run.found is None:
                 table.extend([(*names, *['never'] + [''] * 9)])

@@ -16,6 +16,7 @@ from somfusion_ros.settings import tuned
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.handover import handed_over
 from somfusion_ros.slam.loops import centre
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.matching import register
@@ -99,19 +100,19 @@ class FixedMap(SingleMap):
         """Go on from the view that saw most of the scan; return whether it is another."""
         if not track.matched or self.tracker.lost:
             return False
-        pose, poses, own = self.pose()[0], self.graph.ekf.poses, self._own
+        pose, own = self.pose()[0], self._own
         away = np.hypot(*(self._seen - apply(pose, centre(seen)[None])).T)
         away += 0.5 * np.hypot(*(self._map.poses[:, :2] - pose[:2]).T)
         view = int(np.argmin(away))
         if not own and away[view] + TUNING.gain > away[self._at]:
             return False
-        expected = between(poses[view], compose(poses[self._at], self.tracker.T_view_base))
+        expected, P = self._seen_from(view)
         local_map = self.graph.local_map(view, self._members(view))
         match = register(seen, local_map, expected)
         least = TUNING.returns if own else track.inlier_ratio - TUNING.loss
         if match.inlier_ratio < least or not near(match.T_map_scan, expected, TUNING.step):
             return own and super()._goes_on(track, seen)
-        self._go_on(view, local_map, match.T_map_scan, match.covariance)
+        self._go_on(view, local_map, *handed_over(match, expected, P))
         return True
 
     def _keeps(self, track: Track) -> bool:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from somfusion_ros.geometry import Array, difference, squared_mahalanobis, wrap
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.handover import handed_over
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loop_matching import agreement_of
-from somfusion_ros.slam.matching import Match, register
+from somfusion_ros.slam.matching import register
 from somfusion_ros.slam.scan import Cloud
 
 
@@ -78,11 +79,16 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """An old view with the surface around it, a scan's match, and whether that is all there is."""
+    """
+    An old view with the surface around it, and where a scan was found in it.
+
+    T_view_base (3,) and its covariance P (3, 3); whole: whether the surface is all there is.
+    """
 
     view: int
     local_map: LocalMap
-    match: Match
+    T_view_base: Array
+    P: Array
     whole: bool
 
 
@@ -164,4 +170,5 @@ def explain(expected: Expected, seen: Cloud, around: Callable[[int], LocalMap], 
         return None
     whole = (match.inlier_ratio >= least
              and agreement_of(match, seen, local_map) >= TUNING.agreement)
-    return Explained(expected.view, local_map, match, whole)
+    return Explained(expected.view, local_map,
+                     *handed_over(match, expected.T_view_base, expected.P), whole)

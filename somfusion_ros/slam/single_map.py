@@ -157,7 +157,7 @@ class SingleMap:
                 lambda k: self.graph.local_map(k, self._members(k)),
                 track.inlier_ratio - place.loss, self.config)
             if found is not None and found.whole:
-                self._go_on(view, found.local_map, found.match.T_map_scan, found.match.covariance)
+                self._go_on(view, found.local_map, found.T_view_base, found.P)
                 self.counters['places_known'] += 1
                 return True
             if found is not None and k < place.here and self.grows:
