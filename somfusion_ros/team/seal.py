@@ -58,7 +58,7 @@ class Sealer:
 
 class SealChecks:
     """
-    Checks whose words are sealed by whom, each once, as it takes 10 ms.
+    Checks whose words are sealed by whom, each once.
 
     Of what others say only few are checked in one piece of work, and the same number of each.
     """
