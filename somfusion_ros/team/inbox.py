@@ -63,6 +63,7 @@ class Inbox:
         self._gone: list[str] = []       # who is heard no more, for the worker to forget
         self._since: dict[str, int] = {}
         self._path: list[tuple[float, float]] | None = None
+        self._own: MapCells | None = None    # the robot's own newest map
 
     def keep(self, robot: str, channel: str, message: Any, size: int,
              read: Callable[[Any], Any], rank: int = 0) -> None:
@@ -126,12 +127,13 @@ class Inbox:
         self._gone.append(robot)
 
     def drain(self) -> MapCells | None:
-        """Hand all that came to the session; return the robot's own map where it changed."""
+        """Hand all that came to the session; return the own map where it or its epoch changed."""
         own: MapCells | None = None
         while self._gone:
             self._session.forget(self._gone.pop())
         for robot, epoch, keep_map in self.plain.changed(self._clock()):
             self._begin(robot, epoch, keep_map)
+            own = self._own if robot == self.name and keep_map else own   # as that of its epoch
         self._give_back()
         for robot, channel in self._unread.addresses():
             if channel != STATE and self._clock() < self.heard[robot].taken_until:
@@ -165,17 +167,17 @@ class Inbox:
 
     def _take_plain(self, robot: str, content: PlainMap) -> MapCells | None:
         """Accept a whole map, as SLAM publishes it; return its cells where it changed anything."""
-        if robot == self.name and self._path is not None:
-            places = self._path
-        else:
-            places = list(self.heard[robot].trail)
+        own = self._path if robot == self.name else None
+        places = list(self.heard[robot].trail) if own is None else own
         cells = mark_driven(content.cells, places)
         shared = _shared(cells)
         epoch = self.plain.epoch(robot, content.loaded, shared.grid, self._clock())
         if epoch is None:
             raise NotYet
         self._begin(robot, epoch)
-        return cells if self._session.take_map(robot, shared) else None
+        changed = self._session.take_map(robot, shared)
+        self._own = cells if changed and robot == self.name else self._own
+        return cells if changed else None
 
     def _take_stream(self, robot: str, message: bytes) -> MapCells | None:
         """Accept a part of the stream of a map; return its cells where it changed anything."""

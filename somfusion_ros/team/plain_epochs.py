@@ -17,6 +17,7 @@ from somfusion_ros.team.map_change import begun_anew
 from somfusion_ros.team.shared_map import MapCells
 
 Loaded = tuple[int, int]    # map_load_time [s, ns] of a map
+UNKNOWN = 'plain'           # start of a SLAM whose publisher was not noticed yet
 
 
 class PlainMap(NamedTuple):
@@ -79,7 +80,8 @@ class PlainEpochs:
             start = self._publishers.get(robot, epoch.start)
             if start != epoch.start and robot not in self._told:
                 self._named[robot] = Epoch(start)
-                fresh = now - self._last[robot][1] < TUNING.fresh
+                fresh = (epoch.start == UNKNOWN     # it is the first publisher that is noticed
+                         or now - self._last[robot][1] < TUNING.fresh)
                 found.append((robot, Epoch(start), fresh))
         return found
 
@@ -90,7 +92,7 @@ class PlainEpochs:
             return epoch if loaded == marked else None
         if now - self._first.setdefault(robot, now) < TUNING.patience:
             return None
-        epoch = self._named.get(robot, Epoch(self._publishers.get(robot, 'plain')))
+        epoch = self._named.get(robot, Epoch(self._publishers.get(robot, UNKNOWN)))
         if robot in self._last and begun_anew(self._last[robot][0], grid):
             epoch = epoch._replace(reset=epoch.reset + 1)
         self._named[robot], self._last[robot] = epoch, (grid, now)
