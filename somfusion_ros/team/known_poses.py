@@ -1,6 +1,13 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of maps that the user gave, each for the map that the robot had then."""
+"""
+Poses of maps that the user gave, each for the map that the robot had then.
+
+A robot that is started anew without its map may stand anywhere, though its launch file gives the
+same pose again: only the user knows. So a pose is of the first map of a robot that anyone for
+whom a pose was given has known, and who knows better says so; the others deny it as well. Where
+the robot does stand there, the user says so on every robot, by forgetting all verdicts.
+"""
 
 from collections.abc import Mapping
 
@@ -18,6 +25,9 @@ class KnownPoses:
     def __init__(self, poses: Mapping[str, Pose]) -> None:
         self._poses = dict(poses)
         self._epochs: dict[str, Epoch] = {}
+        self._said: dict[str, dict[str, Epoch]] = {}    # by peers, of which maps it is not
+        self._denied: dict[str, Epoch] = {}
+        self._sure: dict[str, Epoch] = {}      # of which maps it is, as the user said
         self._lapsed: set[str] = set()
 
     def bind(self, robot: str, epoch: Epoch) -> None:
@@ -26,23 +36,42 @@ class KnownPoses:
             self._epochs.setdefault(robot, epoch)
 
     def rebind(self, epochs: Mapping[str, Epoch]) -> None:
-        """Take the maps of now for those that the user means."""
+        """Take the maps of now for those that the user means, whatever others say."""
         self._epochs = {robot: epochs[robot] for robot in self._poses if robot in epochs}
+        self._sure = dict(self._epochs)
+        self._denied.clear()
         self._lapsed.clear()
+
+    def hear(self, owner: str, denied: Mapping[str, Epoch]) -> None:
+        """Replace of which maps of robots the given poses are not, as a peer says."""
+        if owner in self._poses:
+            self._said[owner] = {robot: epoch for robot, epoch in denied.items()
+                                 if robot in self._poses}
+
+    def denied(self, epochs: Mapping[str, Epoch]) -> dict[str, Epoch]:
+        """Return the maps of now, by robot, of which the given poses are not."""
+        for said in self._said.values():
+            for robot, epoch in said.items():
+                if robot in epochs and epochs[robot].same_map(epoch) and not (
+                        robot in self._sure and self._sure[robot].same_map(epoch)):
+                    self._denied[robot] = epoch      # also when nobody says it any more
+        return {robot: epochs[robot] for robot, bound in sorted(self._epochs.items())
+                if robot in epochs and not (epochs[robot].same_map(bound) and not (
+                    robot in self._denied and epochs[robot].same_map(self._denied[robot])))}
 
     def holding(self, epochs: Mapping[str, Epoch]) -> dict[str, Pose]:
         """Return the poses, by robot, that hold for the maps of now."""
-        return {robot: self._poses[robot] for robot, epoch in self._epochs.items()
-                if robot in epochs and epochs[robot].same_map(epoch)}
+        denied = self.denied(epochs)
+        return {robot: self._poses[robot] for robot in self._epochs
+                if robot in epochs and robot not in denied}
 
     def given(self, robot: str) -> Epoch | None:
         """Return the map of a robot that the user means; None where no pose was given."""
         return self._epochs.get(robot)
 
     def lapsed(self, epochs: Mapping[str, Epoch]) -> list[str]:
-        """Return robots whose pose was given for a map that they no longer have, each once."""
-        lapsed = {robot for robot, epoch in self._epochs.items()
-                  if not epochs.get(robot, epoch).same_map(epoch)} - self._lapsed
+        """Return robots whose pose is not of the map that they have, each once."""
+        lapsed = self.denied(epochs).keys() - self._lapsed
         self._lapsed |= lapsed
         return sorted(lapsed)
 

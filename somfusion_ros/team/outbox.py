@@ -60,7 +60,8 @@ class Outbox:
         """
         state = fitting(TeamState(self.session, snapshot.constraints, snapshot.departed,
                                   snapshot.epoch, since, self._number,
-                                  refuted=snapshot.refuted, given=snapshot.given))
+                                  refuted=snapshot.refuted, given=snapshot.given,
+                                  denied=snapshot.denied))
         state = state._replace(seal=self._sealer.seal(state.epoch, state.constraints))
         said, at = self._said
         text = encode_state(state)

@@ -34,7 +34,7 @@ from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.shared_map import SharedMap
 from somfusion_ros.team.snapshot import Snapshot
 from somfusion_ros.team.state_codec import TeamState
-from somfusion_ros.team.words import begun, sentence
+from somfusion_ros.team.words import begun, LAPSED, sentence
 from somfusion_ros.team.world import anchor_of, anchored, WorldWatch
 
 ELASTIC = ''    # in place of a robot's name: what is drawn of views
@@ -103,8 +103,6 @@ class FusionSession:
         before, old = self._team.begun[robot], self._team.epochs.get(robot)
         self._team.known.bind(robot, given or epoch)
         began = self._team.begin(robot, epoch, keep_map)
-        for lapsed in self._team.known.lapsed(self._team.epochs):
-            self._say(f'initial_poses of {lapsed} was for its first map; it is matched now')
         if not began:
             return False
         back = bool(old and old.same_map(epoch))
@@ -131,6 +129,7 @@ class FusionSession:
         self.presence.believe(owner, self._name, state.whereabouts)
         self._team.hear(owner, state.constraints)
         self._departed.hear(owner, state.departed, state.seal)
+        self._team.known.hear(owner, state.denied)
         self.elastic.hear_refuted(owner, state.refuted)
 
     def add_constraint(self, owner: str, constraint: MapConstraint) -> None:
@@ -178,6 +177,8 @@ class FusionSession:
         """Place all maps anew by what is known now, and by who is there, if that is given."""
         for owner, lie in self._departed.update(present) if present is not None else ():
             self._count(f'state_of_{owner}_contradicts_absent', lie)
+        for robot in self._team.known.lapsed(self._team.epochs):
+            self._count(f'initial_pose_of_{robot}_lapsed', LAPSED.format(robot=robot))
         solution, pairs = self._team.solution(), self._team.pairs
         dropped = {(d.constraint.robots, d.constraint.kind): d.reason for d in solution.dropped}
         for new in [key for key in dropped if key not in self._dropped]:
@@ -201,7 +202,8 @@ class FusionSession:
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
             self._team.epochs.get(self._name), dict(self._team.begun), placed,
             self.presence.whereabouts(self._name, self._team.epochs), refuted,
-            self._team.known.given(self._name), dict(self._departed.lies))
+            self._team.known.given(self._name), self._team.known.denied(self._team.epochs),
+            dict(self._departed.lies))
         return self.snapshot
 
     def _bent(self, world: dict[str, Pose], anchor: str) -> dict[str, Pose]:

@@ -33,8 +33,8 @@ class Snapshot:
     before the first; begun: how often every robot began another map; placed: T_world_map by robot
     of the connected team, as the views place it where they came; whereabouts: where the robot was
     when others were where; refuted: peers whose bonds the own views contradict; given: which map
-    of the robot the user's initial pose is of; suspected: peers that say what cannot be, each with
-    a sentence.
+    of the robot the user's initial pose is of; denied: maps of which such poses are not;
+    suspected: peers that say what cannot be, each with a sentence.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)
@@ -57,6 +57,7 @@ class Snapshot:
     whereabouts: tuple[Whereabouts, ...] = ()
     refuted: tuple[str, ...] = ()
     given: Epoch | None = None
+    denied: Mapping[str, Epoch] = field(default_factory=dict)
     suspected: Mapping[str, str] = field(default_factory=dict)
 
     def lookouts(self, robot: str) -> list[Pose]:

@@ -7,6 +7,7 @@ A state says all that holds, so that what is missing in it no longer does, whate
 the way. Whatever is wrong with a document raises ValueError with one line.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 import json
 import re
@@ -40,6 +41,7 @@ class TeamState(NamedTuple):
     clusters are of that map. given: which map of it the user's initial pose is of, None where none
     was given. whereabouts: where it was when others were where. refuted: the robots
     whose bonds with it contradict its own views. seal: of its constraints and its epoch.
+    denied: maps of robots of which the user's initial poses are not.
     """
 
     session: str
@@ -52,6 +54,7 @@ class TeamState(NamedTuple):
     refuted: tuple[str, ...] = ()
     given: Epoch | None = None
     seal: Seal | None = None
+    denied: Mapping[str, Epoch] = {}
 
 
 def fitting(state: TeamState) -> TeamState:
@@ -77,6 +80,7 @@ def encode_state(state: TeamState) -> str:
         'version': VERSION, 'session': state.session, 'number': state.number,
         'epoch': _text(state.epoch), 'given': _text(state.given), 'since': state.since,
         'seal': encode_seal(state.seal),
+        'denied': {robot: str(epoch) for robot, epoch in state.denied.items()},
         'constraints': [record_of(constraint) for constraint in state.constraints],
         'departed': [{'robot': gone.robot, 'epoch': str(gone.epoch), 'known': gone.known,
                       'seal': encode_seal(gone.seal),
@@ -115,7 +119,8 @@ def _state(record: dict[str, Any]) -> TeamState:
     return TeamState(_session(record['session']), constraints, departed, epoch,
                      _count(record['since']), _count(record['number']),
                      read_whereabouts(record.get('whereabouts', [])),
-                     _names(record.get('refuted', [])), given, decode_seal(record.get('seal')))
+                     _names(record.get('refuted', [])), given, decode_seal(record.get('seal')),
+                     _maps(record.get('denied', {})))
 
 
 def _text(epoch: Epoch | None) -> str | None:
@@ -128,6 +133,13 @@ def _names(values: Any) -> tuple[str, ...]:
     if not isinstance(values, list) or len(values) > MAX_DEPARTED:
         raise ValueError(f'no list of at most {MAX_DEPARTED} robots')
     return tuple(map(robot_name, values))
+
+
+def _maps(record: Any) -> dict[str, Epoch]:
+    """Read maps by robot."""
+    if not isinstance(record, dict) or len(record) > MAX_DEPARTED:
+        raise ValueError(f'no maps of at most {MAX_DEPARTED} robots')
+    return {robot_name(robot): Epoch.read(epoch) for robot, epoch in record.items()}
 
 
 def _constraints(items: Any) -> tuple[MapConstraint, ...]:

@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts and numbers as a user reads them in the log."""
 
+LAPSED = ('initial_poses says where the first map of {robot} lies, and it has another one now, as '
+          'it was started anew without its map; it may stand elsewhere, so its map is matched. If '
+          'it does stand there, call ~/reset of fusion_node on every robot')
+
 
 def sentence(word: str, reason: str, target: str, source: str) -> str:
     """

@@ -58,7 +58,7 @@ STATES = st.builds(
              max_size=2).map(tuple),
     st.none() | EPOCHS, st.integers(0, 2 ** 61), st.integers(0, 2 ** 61),
     st.lists(WHEREABOUTS, max_size=2).map(tuple), st.lists(NAMES, max_size=2).map(tuple),
-    st.none() | EPOCHS, SEALS)
+    st.none() | EPOCHS, SEALS, st.dictionaries(NAMES, EPOCHS, max_size=2))
 
 
 @st.composite

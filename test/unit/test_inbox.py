@@ -12,15 +12,16 @@ import pytest
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Pose
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, STATE
+from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
 from somfusion_ros.team.map_codec import key_message, MapEncoder, number_of
+from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.session import FusionSession
 from somfusion_ros.team.shared_map import MapCells, SharedMap
-from somfusion_ros.team.state_codec import TeamState
+from somfusion_ros.team.state_codec import decode_state, encode_state, TeamState
 
 ROOM = fake_grid(furnished_room())
 CELLS = MapCells(ROOM.to_occupancy(), ROOM.resolution, ROOM.T_frame_grid)
@@ -189,6 +190,23 @@ def test_a_robot_that_is_heard_no_more_leaves_nothing_behind() -> None:
     assert len(listener.session.scouting._peers) == 0
 
 
+@pytest.mark.parametrize('late', [1.0, 30.0])
+def test_the_own_map_is_told_again_where_its_publisher_is_noticed_late(late: float) -> None:
+    """On a busy computer: it was told in an epoch that no state named, and peers waited for it."""
+    listener = Listener()
+    inbox = listener.inbox
+    inbox.keep('a', PLAIN_MAP, PlainMap(CELLS), 1, lambda content: content)
+    assert inbox.drain() is None                # it waits for a word on what it is,
+    listener.now = 3.0
+    assert inbox.drain() is not None            # and is told without
+    first = listener.session.epoch_of('a')
+    listener.now += late
+    inbox.plain.publisher('a', '5d')
+    assert np.array_equal(inbox.drain().values, CELLS.values)
+    assert listener.session.epoch_of('a') == Epoch('5d') != first
+    assert inbox.drain() is None
+
+
 @pytest.mark.parametrize('first, joined', [(None, True), (EPOCH, True), (Epoch('1d'), False)])
 def test_a_late_listener_hears_for_which_map_the_user_gave_a_pose(
         first: Epoch | None, joined: bool) -> None:
@@ -196,11 +214,31 @@ def test_a_late_listener_hears_for_which_map_the_user_gave_a_pose(
     listener, said = Listener(), list[str]()
     listener.session = listener.inbox._session = FusionSession(
         'a', TeamConfig(known_init_poses=True, initial_poses=('a 0 0 0', 'z 3 0 0')),
-        FusionConfig(), said.append)
+        FusionConfig(), lambda text: None, count=lambda kind, reason: said.append(kind))
     listener.session.begin('a', Epoch('1f'), 0.0)
     listener.session.take_map('a', SharedMap(ROOM))
     listener.hear(STATE, TeamState('ab12', epoch=EPOCH, given=first, number=1))
     listener.hear(MAP, key_message(version(1), EPOCH, 1))
     listener.look(True)
     assert ('z' in listener.session.snapshot.world('a')) == joined
-    assert any('initial_poses of z' in words for words in said) != joined
+    assert ('initial_pose_of_z_lapsed' in said) != joined
+    assert {*listener.session.snapshot.denied} == (set() if joined else {'z'})
+
+
+def test_a_listener_hears_that_a_pose_is_not_of_the_map_of_now() -> None:
+    """A robot was started anew and tells that its pose is of its new map; b knew the old one."""
+    listener = Listener()
+    listener.session = listener.inbox._session = FusionSession(
+        'a', TeamConfig(known_init_poses=True, initial_poses=('a 0 0 0', 'b 1 0 0', 'z 3 0 0')),
+        FusionConfig(), lambda text: None)
+    listener.session.begin('a', Epoch('1f'), 0.0)
+    listener.session.take_map('a', SharedMap(ROOM))
+    listener.hear(STATE, TeamState('ab12', epoch=EPOCH, given=EPOCH, number=1))
+    listener.hear(MAP, key_message(version(1), EPOCH, 1))
+    listener.look(True)
+    assert 'z' in listener.session.snapshot.world('a')
+    listener.session.take_state('b', decode_state(encode_state(TeamState(
+        'cd34', denied={'z': EPOCH}))))
+    listener.look(True)
+    assert 'z' not in listener.session.snapshot.world('a')
+    assert listener.session.snapshot.denied == {'z': EPOCH}
