@@ -25,6 +25,7 @@ from builtin_interfaces.msg import Time  # noqa: E402, I100
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, TransformStamped  # noqa: E402
 from nav_msgs.msg import OccupancyGrid  # noqa: E402
+from pace import pace  # noqa: E402
 from rcl_interfaces.msg import ParameterType  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
@@ -236,28 +237,31 @@ def test_a_peer_with_garbage_is_counted_and_the_others_go_on(graph: Graph) -> No
 def test_a_slam_node_that_is_killed_begins_a_new_map_that_joins_again(graph: Graph,
                                                                       tmp_path: Path) -> None:
     there, back = [(1.0, 1.0), (4.0, 1.2), (6.5, 2.6)], [(4.0, 3.2), (1.5, 4.5), (1.2, 2.0)]
-    write_fake_bag(tmp_path / 'bag', waypoints=np.array(3 * (there + back)))
+    for part, begin in (('first', 100.0), ('second', 1000.0)):   # however long the first took
+        write_fake_bag(tmp_path / part, waypoints=np.array(2 * (there + back)), start=begin)
     keep = publish_map(graph, 'robot1', fake_grid(fake_room()))
     result = start(graph, 'robot1')
     start(graph, 'robot2', '-p', 'use_sim_time:=true')
 
-    def start_slam(use_sim_time: str) -> int:
-        return graph.processes.start('slam', 'somfusion_ros.ros.slam_node', [
+    def drive(part: str, use_sim_time: str) -> int:
+        slam = graph.processes.start('slam', 'somfusion_ros.ros.slam_node', [
             '--ros-args', '-r', '__ns:=/robot2', '-p', 'laser_pose:=[0.1, 0.0, 0.0]',
             '-p', 'map_update_interval:=1.0', '-p', f'use_sim_time:={use_sim_time}'])
+        graph.processes.start(f'player {part}', 'somfusion_ros.ros.apps.player', [
+            str(tmp_path / part), '--rate', f'{2.0 / pace():.2f}', '--wait', '60', '--ros-args',
+            '-r', '__ns:=/robot2'])
+        return slam
 
     def joined() -> bool:
         merged = result['map'] and convert.grid_from_message(result['map'][-1], LIMIT)
         return bool(merged) and share_of_strangers(merged) < 0.03
-    first = start_slam('false')
-    graph.processes.start('player', 'somfusion_ros.ros.apps.player', [
-        str(tmp_path / 'bag'), '--rate', '2', '--ros-args', '-r', '__ns:=/robot2'])
+    first = drive('first', 'false')
     graph.until(joined, 'one map of both')
     os.kill(first, signal.SIGKILL)
-    graph.processes.stop(['slam'])
+    graph.processes.stop(['slam', 'player first'])
     assert graph.processes.statuses.pop('slam') == -signal.SIGKILL
     result['map'].clear()
-    start_slam('true')
+    drive('second', 'true')
     graph.until(joined, 'one map of both, with a new one of robot2')
     assert keep
     graph.assert_clean(graph.processes.stop())

@@ -20,6 +20,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped  # noqa: E402
 import live_robot  # noqa: E402
 from live_robot import GIVEN_MOUNT, Robot  # noqa: E402
 from nav_msgs.msg import OccupancyGrid  # noqa: E402
+from pace import pace  # noqa: E402
 from ros_graph import Graph, ros_graph  # noqa: E402
 from somfusion_ros.ros.common import conversions as convert  # noqa: E402
 from somfusion_ros.ros.common import qos  # noqa: E402
@@ -76,7 +77,7 @@ def test_a_robot_finds_itself_in_a_given_map_and_leaves_it_as_it_is(graph: Graph
     assert not transforms   # nobody is told of a place before it is known
     for last in range(20, len(robot.stamps) + 20, 20):
         robot.drive(min(last, len(robot.stamps)))
-        graph.spin_for(1.0)   # the search needs its time, which a real drive of 2 s gives it
+        graph.spin_for(pace())   # the search needs its time, which a real drive of 2 s gives it
         if robot.poses[-1].pose.covariance[0] < 1.0:   # [m^2] it believes that it is found
             assert_placed(robot)
             break

@@ -13,6 +13,7 @@ import time
 
 from helpers import fake_grid, fake_room, need_ros, ros_environment
 import numpy as np
+from pace import patient
 import pytest
 from rich.console import Console
 from somfusion_ros.geometry import compose, inverse, Pose
@@ -146,11 +147,11 @@ def test_the_command_draws_in_a_terminal_until_it_is_told_to_stop(published: Non
     process = subprocess.Popen(command(), env=environment, stdin=there, stdout=there,
                                stderr=there)
     os.close(there)
-    seen, end = '', time.monotonic() + 40.0
-    while 'robot2' not in seen and time.monotonic() < end:
+    seen, begin = '', time.monotonic()
+    while 'robot2' not in seen and patient(40.0, begin):
         seen += read(here)
     process.terminate()
-    while process.poll() is None and time.monotonic() < end:
+    while process.poll() is None and patient(40.0, begin):
         seen += read(here)
     os.close(here)
     assert 'robot2' in seen
