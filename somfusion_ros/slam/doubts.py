@@ -10,6 +10,8 @@ from somfusion_ros.slam.bridge import Bridge
 from somfusion_ros.slam.checkpoint import ViewGraph
 from somfusion_ros.slam.view_tuning import TUNING
 
+BRIDGES = 4    # that are judged at a time
+
 
 class Doubts:
     """
@@ -23,7 +25,8 @@ class Doubts:
         self._graph, self._counters = graph, counters
         self._denials = 0     # views that deny old ones, with none between that agrees
         self._unconfirmed: deque[int] = deque(maxlen=contradiction.TUNING.taken_back)
-        self._bridge: Bridge | None = None
+        self._bridges: list[Bridge] = []    # by age
+        self._held: Bridge | None = None    # the last that was not denied
         self._weak = False    # whether a scan since the last view hardly fitted
 
     def follow(self, fits: bool) -> None:
@@ -32,18 +35,14 @@ class Doubts:
 
     def add(self, new: int, around: Sequence[int]) -> None:
         """Note a new view, and the views that the scans before it were matched against."""
-        if self._weak and self._bridge is None and new >= TUNING.known:
-            self._bridge = Bridge(new, around)
+        if self._weak and len(self._bridges) < BRIDGES and new >= TUNING.known:
+            self._bridges.append(Bridge(new, around))
         self._weak = False
 
     def judge(self, new: int, last: int) -> None:
         """Count whether a view denies what others, up to the last, saw."""
         ekf, clouds = self._graph.ekf, self._graph.clouds
-        denied = self._bridge.denied(new, ekf, clouds) if self._bridge else None
-        if denied is not None:
-            if denied and self._bridge:
-                self._deny(self._bridge)
-            self._bridge = None
+        if self._judge_bridges(new):
             return
         denies = contradiction.denied(new, last, ekf, clouds)
         if denies is False:
@@ -54,9 +53,27 @@ class Doubts:
             self._denials += 1
             self._counters['views_denied'] += 1
 
+    def _judge_bridges(self, new: int) -> bool:
+        """Return whether a view tells of a bridge what to think of it."""
+        ekf, clouds = self._graph.ekf, self._graph.clouds
+        told = [(bridge, denied) for bridge in self._bridges
+                if (denied := bridge.denied(new, ekf, clouds)) is not None]
+        for bridge, denied in told:
+            if denied:
+                self.deny(bridge)
+                break
+            self._bridges.remove(bridge)
+            self._held = bridge
+        return bool(told)
+
     def about(self, view: int) -> bool:
         """Return whether it is in doubt where a view, or the robot, is."""
-        return self._bridge is not None or self._denials > 0 or view in self._unconfirmed
+        return bool(self._bridges) or self._denials > 0 or view in self._unconfirmed
+
+    def take_held(self) -> Bridge | None:
+        """Return the last bridge that was not denied, once."""
+        held, self._held = self._held, None
+        return held
 
     def take_back(self) -> bool:
         """
@@ -70,13 +87,16 @@ class Doubts:
         self._graph.hide(range(first, n))
         self._graph.scans.drop(first)
         self._graph.to_close.clear()
-        self._bridge = None
+        self._bridges.clear()
+        self._held = None
         self._confirm()
         return True
 
-    def _deny(self, bridge: Bridge) -> None:
+    def deny(self, bridge: Bridge) -> None:
         """Doubt all views from a bridge on."""
         self._counters['bridges_denied'] += 1
+        self._bridges.clear()
+        self._held = None
         self._denials = contradiction.TUNING.times
         self._unconfirmed.clear()
         self._unconfirmed.append(bridge.first)

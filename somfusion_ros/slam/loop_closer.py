@@ -13,6 +13,7 @@ from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.doubts import Doubts
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loop_trust import Loop, LoopClosure
+from somfusion_ros.slam.second_look import SecondLook
 
 
 class LoopCloser:
@@ -40,7 +41,20 @@ class LoopCloser:
         self._relinearise()
         with self._lock:
             self.doubts.judge(new, new - self.config.loop_minimum_gap)
+        self._look_again()
         return True
+
+    def _look_again(self) -> None:
+        """Deny a bridge that was not denied if what was seen since fits elsewhere in the map."""
+        with self._lock:
+            bridge, graph = self.doubts.take_held(), self.graph
+            if bridge is None:
+                return
+            look = SecondLook(graph.ekf.poses.copy(), list(graph.clouds), graph.scans.copy(),
+                              self.config.resolution)
+        if look.elsewhere(bridge.first):
+            with self._lock:
+                self.doubts.deny(bridge)
 
     def _match_loops(self, new: int, targets: list[loops.Candidate], poses: Array) -> None:
         """Match a view against old places; update the filter by what is trusted."""

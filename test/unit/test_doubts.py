@@ -24,11 +24,11 @@ KNOWN = VIEWS.known                     # views before the bridge
 CARRIED = np.array([1.5, 0.6, 2.0])     # from where the robot seems to be
 
 
-def drive(carried: Array) -> ViewGraph:
+def drive(carried: Array, later: int = 0) -> ViewGraph:
     """Map a room; from a view on, the robot is carried from where it seems to be."""
     graph, rng, pose = ViewGraph(), np.random.default_rng(3), START
-    for k in range(KNOWN + TUNING.views):
-        true = compose(pose, carried) if k >= KNOWN else pose
+    for k in range(KNOWN + later + TUNING.views):
+        true = compose(pose, carried) if k >= KNOWN + later else pose
         seen = cloud(fake_scan(ROOM, true, noise=0.01, rng=rng), 30.0)
         graph.add(Constraint(k - 1, k, STEP if k else np.zeros(3), R), seen, float(k))
         pose = compose(pose, STEP)
@@ -71,6 +71,19 @@ def test_views_that_little_holds_are_taken_back_with_all_after_them(weak: bool) 
     assert graph.hidden == (set(range(KNOWN, graph.ekf.n)) if weak else set())
     assert count['bridges_denied'] == int(weak)
     assert not doubts.take_back()
+
+
+def test_a_bridge_that_is_not_judged_yet_hides_no_other() -> None:
+    """The first is true and is kept; the robot is carried while it is looked at."""
+    graph, count = drive(CARRIED, 2), Counter[str]()
+    graph.to_close.clear()
+    doubts = Doubts(graph, count)
+    for new in range(KNOWN, graph.ekf.n):
+        doubts.follow(new not in (KNOWN, KNOWN + 2))
+        doubts.add(new, range(KNOWN - 10, new))
+        doubts.judge(new, new - 2 * KNOWN)
+    assert doubts.take_back()
+    assert KNOWN + 2 in graph.hidden
 
 
 def test_a_new_map_has_nothing_to_take_back() -> None:
