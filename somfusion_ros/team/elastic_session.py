@@ -41,8 +41,12 @@ class LiveTuning:
     soonest: float = tuned(2.0, 's', 'between two solutions', 'by design')
     astray: float = tuned(4.0, 'm', 'from where the accepted pairs have the maps, in the median, '
                           'a bond counts for nothing; honest maps bend by up to 2 m', 'by design')
-    misplaced: float = tuned(1.0, 'm', 'from where the own views match a peer, in the median, its '
-                             'bond is false; the same place, as of two bonds', 'by design')
+    misplaced: float = tuned(1.0, 'm', 'from where the own map lies in that of a peer, in the '
+                             'median, its bond is false, if the views match nowhere; maps bend',
+                             'by design')
+    mismatched: float = tuned(0.4, 'm', 'from where the own views match those of a peer, in the '
+                              'median, its bond is false; honest ones differ by 0.28 m at most, '
+                              'of paths of which the other one knew 40 % to all', 'mines, wean')
 
 
 TUNING = LiveTuning()
@@ -58,7 +62,7 @@ class ElasticSession:
         self._name, self._clock, self._matchers = name, clock, matchers
         self._stores: dict[str, ViewStore] = {}
         self._bonds = ToldBonds(name, matchers.reader)
-        self._say, self._glide = say, Glide(say)
+        self._glide = Glide(say)
         self._solved_for: Any = None
         self._joined: Any = None
         self._anchor, self.solutions = '', 0
@@ -111,15 +115,12 @@ class ElasticSession:
         self._bonds.keep(peer, bond, judged.accepted, epochs)
         return judged
 
-    def refute(self, T_own_peer: Mapping[str, Pose], epochs: Epochs) -> tuple[str, ...]:
-        """Return the peers that this robot accepts, and whose bonds its own views contradict."""
-        before = self._bonds.refuted.get(self._name, ())
+    def refute(self, T_own_peer: Mapping[str, Pose], epochs: Epochs) -> dict[str, str]:
+        """Return the accepted peers whose bonds the own views contradict, with sentences."""
         found = self._bonds.refute(self.views_of((self._name, *T_own_peer), epochs), T_own_peer,
-                                   epochs, TUNING.misplaced)
-        for peer in sorted(found.keys() - before):
-            self._say(f'{peer} tells matches of views that are {found[peer]:.1f} m from where '
-                      f'those of {self._name} match')
-        return tuple(sorted(found))
+                                   epochs, TUNING.misplaced, TUNING.mismatched)
+        return {peer: f'{peer} tells matches of views that are {off:.1f} m from where those of '
+                      f'{self._name} match' for peer, off in sorted(found.items())}
 
     def hear_refuted(self, owner: str, peers: Collection[str]) -> None:
         """Replace the peers whose bonds with it a robot calls false."""

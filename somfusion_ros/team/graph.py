@@ -75,8 +75,12 @@ def solve(robots: Iterable[str], constraints: Iterable[MapConstraint]) -> Soluti
     agreed = _sorted_out(names, words.only(np.flatnonzero(both)), dropped)
     pieces, alone = RigidGroups(names, agreed), words.only(np.flatnonzero(~both))
     dropped += [*agreed.dropped, *pieces.against(alone)]
-    placed = pieces.laid(_sorted_out(pieces.names, pieces.between(alone), dropped))
-    return replace(placed, dropped=(*dropped, *placed.dropped))
+    joining = pieces.between(alone)
+    placed = pieces.laid(_sorted_out(pieces.names, joining, dropped))
+    wrong = {one.constraint for one in placed.dropped}
+    return replace(placed, dropped=(*dropped, *placed.dropped),
+                   pieces=tuple(frozenset(group) for group in agreed.groups),
+                   single=tuple(one for one in joining.constraints if one not in wrong))
 
 
 def _sorted_out(names: list[str], words: PairWords, before: Iterable[Dropped]) -> Solution:

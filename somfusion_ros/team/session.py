@@ -23,6 +23,7 @@ from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.departed import DepartedRobots
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.global_drawing import GlobalDrawing
+from somfusion_ros.team.hanging import Hanging
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.jumps import Jumps
 from somfusion_ros.team.jumps import TUNING as JUMPS
@@ -67,6 +68,7 @@ class FusionSession:
         self._world = WorldWatch(name, JUMPS.distance, JUMPS.heading, say)
         self._drawing = GlobalDrawing(config.robot_radius, say)
         self.elastic = ElasticSession(name, clock, say, matchers)
+        self._hanging, self._spoke = Hanging(name, clock), {name}
         self.path: Array | None = None
         self.refresh()
 
@@ -126,6 +128,7 @@ class FusionSession:
 
     def take_state(self, owner: str, state: TeamState) -> None:
         """Replace all that a peer accepts, and what it knows of robots; note where they were."""
+        self._spoke.add(owner)
         self.presence.believe(owner, self._name, state.whereabouts)
         self._team.hear(owner, state.constraints)
         self._departed.hear(owner, state.departed, state.seal)
@@ -180,12 +183,17 @@ class FusionSession:
         for robot in self._team.known.lapsed(self._team.epochs):
             self._count(f'initial_pose_of_{robot}_lapsed', LAPSED.format(robot=robot))
         solution, pairs = self._team.solution(), self._team.pairs
+        mute = {*self._team.maps, *self._team.epochs} - self._spoke | self._team.absent
+        for author, doubt in self._hanging.update(solution, mute):
+            self._count(f'joined_by_{author}_alone', doubt)
         dropped = {(d.constraint.robots, d.constraint.kind): d.reason for d in solution.dropped}
         for new in [key for key in dropped if key not in self._dropped]:
             self._say(dropped[new])
         self._dropped = set(dropped)
         group, anchor = solution.group_of(self._name), self._config.world_anchor
         refuted = self.elastic.refute(self._team.own_transforms(), self._team.epochs)
+        for peer in refuted.keys() - {*self.snapshot.refuted}:
+            self._count(f'bonds_of_{peer}_refuted', refuted[peer])
         placed = self._bent(anchored(group, anchor), anchor_of(group, anchor))
         self._world.look(placed, anchor_of(group, anchor))
         self.snapshot = Snapshot(
@@ -201,9 +209,9 @@ class FusionSession:
             self._world.changes,
             frozenset(peer for peer, pair in pairs.items() if pair.held and pair.doubted),
             self._team.epochs.get(self._name), dict(self._team.begun), placed,
-            self.presence.whereabouts(self._name, self._team.epochs), refuted,
+            self.presence.whereabouts(self._name, self._team.epochs), tuple(refuted),
             self._team.known.given(self._name), self._team.known.denied(self._team.epochs),
-            dict(self._departed.lies))
+            {**self._hanging.doubtful, **refuted, **self._departed.lies})
         return self.snapshot
 
     def _bent(self, world: dict[str, Pose], anchor: str) -> dict[str, Pose]:
@@ -224,6 +232,7 @@ class FusionSession:
     def forget(self, robot: str) -> None:
         """Forget how a robot stood with this one, which is heard no more; its map may stay."""
         self._departed.forget(robot)
+        self._spoke.discard(robot)
         self._looked.pop(robot, None)
         self._words.pop(robot, None)
         self.scouting.forget(robot)

@@ -34,7 +34,7 @@ class Snapshot:
     of the connected team, as the views place it where they came; whereabouts: where the robot was
     when others were where; refuted: peers whose bonds the own views contradict; given: which map
     of the robot the user's initial pose is of; denied: maps of which such poses are not;
-    suspected: peers that say what cannot be, each with a sentence.
+    suspected: peers that say what cannot be, or are joined by one word alone, with a sentence.
     """
 
     own_transforms: dict[str, Pose] = field(default_factory=dict)

@@ -57,13 +57,13 @@ class ToldBonds:
             [self._own[name] for name in sorted(self._own)]))
 
     def refute(self, views: Mapping[str, ViewSet], T_own_peer: Mapping[str, Pose], epochs: Epochs,
-               misplaced: float) -> dict[str, float]:
+               misplaced: float, mismatched: float) -> dict[str, float]:
         """
         Return of which peers the bond with this robot is false, and by how much [m]; note it.
 
         views: of the connected team; T_own_peer: of the peers that this robot accepts. False is
-        one that has the own views, in the median, farther than `misplaced` [m] from where they
-        match, or from where the maps do if they match nowhere.
+        one that has the own views, in the median, farther than `mismatched` [m] from where they
+        match, or farther than `misplaced` [m] from where the maps do if they match nowhere.
         """
         found = {}
         for peer in self._bonds.keys() & T_own_peer.keys() & views.keys():
@@ -77,7 +77,7 @@ class ToldBonds:
             asked = self._apart.get(peer)
             if asked is None or asked[0] != key:
                 asked = self._apart[peer] = key, _between(mine, told, views, T_own_peer[peer])
-            if asked[1] > misplaced:
+            if asked[1] > (mismatched if mine else misplaced):
                 found[peer] = asked[1]
         self.refuted[self._name] = frozenset(found)
         return found

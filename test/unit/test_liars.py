@@ -459,3 +459,23 @@ def test_a_state_that_is_late_or_doubled_changes_nothing_and_is_counted() -> Non
     inbox.drain()
     assert set(session.refresh({'z'}).solution.group_of('a')) == {'a'}
     assert counts == 3 * ['state_of_z_late']
+
+
+def test_a_liar_that_joins_two_groups_is_named_after_a_while() -> None:
+    """It says where a and d are, which neither of them says; d is joined by nothing else."""
+    clock, counted = [0.0], list[str]()
+    session = FusionSession('a', TeamConfig(), FusionConfig(), lambda text: None,
+                            lambda: clock[0], count=lambda kind, reason: counted.append(kind))
+    for robot in 'adz':
+        session.begin(robot, Epoch('1f'), 0.0)
+        session.take_map(robot, SharedMap(fake_grid(furnished_room())))
+    said = tuple(MapConstraint('z', robot, Pose(float(k), 1.0), GOOD,
+                               epochs=(Epoch('1f'), Epoch('1f'))) for k, robot in enumerate('ad'))
+    session.take_state('z', TeamState('s', said))
+    session.take_state('d', TeamState('t'))
+    for clock[0] in (0.0, 20.0, 40.0, 60.0):
+        snapshot = session.refresh({'d', 'z'})
+        assert {*snapshot.world('a')} == {*'adz'}
+        assert {*snapshot.suspected} == ({*'dz'} if clock[0] > 30.0 else set())
+    assert counted == 2 * ['joined_by_z_alone']     # once for d and for z
+    assert snapshot.suspected['d'].startswith('d is joined to a only by what z says alone')

@@ -48,6 +48,7 @@ REPORTED = {
     'liar: poses': ('count', 'pose_of_?liar0_unusable'),
     'liar: views': ('count', 'views_of_?liar0_unusable'),
     'liar: bonds': LEFT_OUT}
+ALSO = {'liar: wrong pairs': ('count', 'joined_by_?liar0_alone')}
 
 
 def said(team: Team, now: float) -> Iterator[tuple[str, str]]:
@@ -95,8 +96,14 @@ def test_every_kind_is_in_the_table() -> None:
 
 @pytest.mark.parametrize('kind', REPORTED)
 def test_who_says_what_of_a_fault(kind: str) -> None:
-    where, pattern = REPORTED[kind]
     for said, expected in ((run([Fault(LATER.get(kind, FIRST), kind, 'robot2', LASTS, 0.99)]),
                             True), (quiet(), False)):
-        assert expected == any(place == where and fnmatch(text, pattern)
-                               for place, text in said), f'{pattern} of {kind}'
+        for where, pattern in {REPORTED[kind], ALSO.get(kind, REPORTED[kind])}:
+            assert expected == any(place == where and fnmatch(text, pattern)
+                                   for place, text in said), f'{pattern} of {kind}'
+
+
+def test_nobody_is_suspected_where_nothing_fails() -> None:
+    assert not [text for _, text in quiet() for pattern in (
+        'joined_by_*', 'bonds_of_*', '*_contradicts_absent', 'initial_pose_of_*')
+        if fnmatch(text, pattern)]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.geometry import inverse, Pose
+from somfusion_ros.geometry import between, inverse, Pose
 from somfusion_ros.simulation.chaos.view_lies import absurd_batches, bonds_with, flood, stolen
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
@@ -158,7 +158,7 @@ def test_a_liar_with_stolen_views_hardly_bends_two_who_agree(rng: np.random.Gene
 
 
 @pytest.mark.parametrize('asked', [True, False])
-@pytest.mark.parametrize('off', [0.0, 0.3, 2.0])
+@pytest.mark.parametrize('off', [0.0, 0.2, 0.6, 2.0])
 def test_a_bond_that_the_other_robot_finds_elsewhere_counts_for_nobody(off: float, asked: bool
                                                                        ) -> None:
     """By its own views, or by where it accepts the map if they were not asked."""
@@ -172,14 +172,55 @@ def test_a_bond_that_the_other_robot_finds_elsewhere_counts_for_nobody(off: floa
     there = {'robot1': Pose.from_array(inverse(world['robot2']))}
     for robot in (one, two):
         robot.take_bonds('robot1', lie)
-    refuted = two.refute(there, EPOCHS)
-    assert refuted == (('robot1',) if off > 1.0 else ())
+    refuted, most = two.refute(there, EPOCHS), 0.4 if asked else 1.0
+    assert [*refuted] == (['robot1'] if off > most else [])
     one.hear_refuted('robot2', refuted)
     for robot in (one, two):
         robot.update(world, EPOCHS, 'robot1', {('robot1', 'robot2'), ('robot2', 'robot1')})
-        assert bool(robot.solved) == (off < 1.0)
+        assert bool(robot.solved) == (off < most)
     one.update(world, EPOCHS, 'robot1', {('robot1', 'robot2')})
     assert one.solved == []      # nor does one of a pair that the other one does not accept
+
+
+@pytest.mark.parametrize(('off', 'least', 'most'), [(0.35, 0.4, 0.8), (0.6, 0.0, 0.05)])
+def test_how_far_a_liar_with_a_true_map_moves_two_who_agree(off: float, least: float, most: float
+                                                            ) -> None:
+    """By twice what each of them lets pass, as all of 256 matches agree: no more than 0.8 m."""
+    one, two, world = team()
+    one.weigh('robot2', verdict(world), EPOCHS, 0.8)
+    two.weigh('robot1', verdict(world), EPOCHS, 0.8)
+    honest, = decode_bonds(one.own_bonds(), 'robot1')
+    two.take_bonds('robot1', one.own_bonds())
+    epochs, views = {**EPOCHS, 'aliar': LIAR}, len(one.views_of(('robot1',), EPOCHS)['robot1'])
+    lies = encode_bonds([ToldBond('aliar', robot, (LIAR, EPOCHS[robot]), matches) for
+                         robot, matches in (
+        ('robot1', 3 * tuple(InterMatch('aliar', k, 'robot1', k, np.array([off, 0.0, 0.0]), GOOD)
+                             for k in range(views))),
+        ('robot2', 4 * tuple(replace(m, target='aliar', z=m.z - (off, 0.0, 0.0), R=GOOD)
+                             for m in honest.matches)))])
+    world = {**world, 'aliar': world['robot1']}
+    apart = {}
+    for lying in (False, True):
+        for robot, name in ((one, 'robot1'), (two, 'robot2')):
+            if lying:
+                for batch in one_path():
+                    robot.take_views('aliar', stolen(batch, LIAR))
+                robot.take_bonds('aliar', lies)
+                found = replace(verdict(world), T_target_source=world[name])
+                assert robot.weigh('aliar', found, epochs, 0.8).accepted
+        refuted = {name: robot.refute({
+            peer: Pose.from_array(between(world[name], world[peer]))
+            for peer in world.keys() - {name}}, epochs)
+            for robot, name in ((one, 'robot1'), (two, 'robot2'))}
+        one.hear_refuted('robot2', refuted['robot2'])
+        for _ in range(30):
+            one.update(world, epochs, 'robot1')
+            one.draw()
+        places = one.places(None)
+        apart[lying] = between(places['robot1'], places['robot2'])
+    moved = np.hypot(*(apart[True] - apart[False])[:2])
+    assert least <= moved <= most
+    assert [*refuted.values()] == [{}, {}] or [*refuted['robot1']] == ['aliar']
 
 
 def one_path() -> list[bytes]:

@@ -67,5 +67,5 @@ def _peer_status(node: str, peer: str, snapshot: Snapshot, heard: Heard, connect
         warning = f'{peer} has not sent a map'
     elif not connected:
         warning = verdict.reason if verdict is not None else f'{peer} is not matched yet'
-    warning = snapshot.suspected.get(peer, warning)
+    warning = '; '.join(filter(None, (snapshot.suspected.get(peer), warning)))
     return status(f'{node}: {peer}', peer, values, warning)
