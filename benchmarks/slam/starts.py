@@ -3,11 +3,12 @@
 """
 Measure how well a robot is found that is switched on anywhere in a log, in the map of another run.
 
-usage: python -m benchmarks.slam.starts MAP_LOG LOG N [BEGIN END] [--drawn]
+usage: python -m benchmarks.slam.starts MAP_LOG LOG N [BEGIN END] [--in KIND]
 
-LOG is localised in the map of MAP_LOG, as a state or, with --drawn, as map.yaml, beginning at N
-moments that are spread evenly from BEGIN to END [s] of it (all of it). Compared is with the joint
-solution of both runs, as in `benchmarks.slam.localisation`. Prints a row per start: metres driven
+LOG is localised in the map of MAP_LOG, as a state or, with `--in map.yaml`, as it is drawn; with
+`--in resumed` the state grows on. It begins at N moments that are spread evenly from BEGIN to END
+[s] of it (all of it). Compared is with the joint solution of both runs, as in
+`benchmarks.slam.localisation`. Prints a row per start: metres driven
 until it was found, and how many of them within 1 m of the map's views; scans after that, and at
 how many it was lost; how far off it was (median, 95 %, most) [m], and the longest time [s] for
 which it was more than 1 m off. A start whose robot is not found in 90 s says "never". Asserts
@@ -64,12 +65,13 @@ def main() -> None:
     parser.add_argument('log')
     parser.add_argument('n', type=int)
     parser.add_argument('range', type=float, nargs='*', help='BEGIN END [s]')
-    parser.add_argument('--drawn', action='store_true')
+    parser.add_argument('--in', dest='kind', default='state',
+                        choices=('state', 'map.yaml', 'resumed'))
     options = parser.parse_args()
     pair = Pair(open_log(options.map_log), open_log(options.log))
     first, last = pair.stamps[0], pair.stamps[-1]
     begin, end = options.range or (0.0, last - first - LENGTH / 3.0)
-    beginning = pair.beginnings()['map.yaml' if options.drawn else 'state']
+    beginning = pair.beginnings()[options.kind]
     table = Table('starts', ('start s', 'found after m', 'in the map m', 'scans', 'lost',
                              'median m', '95 % m', 'most m', 'wrong s'),
                   (1, 1, 1, None, None, 3, 3, 3, 1))
