@@ -106,6 +106,24 @@ def inverse_jacobian(T_a_b: ArrayLike) -> Array:
     return np.array([[-c, -s, x * s - y * c], [s, -c, x * c + y * s], [0.0, 0.0, -1.0]])
 
 
+def information_of(covariance: Array) -> Array:
+    """
+    Return the inverse of covariances (..., 3, 3); also of those that rounding left singular.
+
+    Seen from the other map, what is not known of a heading is what is not known of a place far
+    away, and what is known well is lost in it.
+    """
+    P = np.asarray(covariance, dtype=float)
+    variances = np.einsum('...ii->...i', P)
+    scale = 1.0 / np.sqrt(np.maximum(variances, TUNING.least_sigma ** 2))
+    scale = scale[..., :, None] * scale[..., None, :]
+    values, vectors = np.linalg.eigh((P + np.swapaxes(P, -1, -2)) / 2.0 * scale)
+    values = np.maximum(values, TUNING.least_independence * values[..., -1:])
+    information: Array = np.einsum('...ik,...k,...jk->...ij', vectors, 1.0 / values,
+                                   vectors) * scale
+    return information
+
+
 def with_drift(T_target_source: ArrayLike, covariance: Array) -> Array:
     """Add to constraints' covariances (..., 3, 3) how much two maps of one place bend apart."""
     pose = np.asarray(T_target_source, dtype=float)

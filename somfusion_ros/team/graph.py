@@ -15,8 +15,10 @@ import numpy as np
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING
+from somfusion_ros.team.estimate import Estimate, optimise
+from somfusion_ros.team.leaving_out import leave_one_out
 from somfusion_ros.team.pair_words import PairWords
-from somfusion_ros.team.pose_graph import components, Estimate, leave_one_out, optimise, PoseGraph
+from somfusion_ros.team.pose_graph import components, PoseGraph
 from somfusion_ros.team.pose_graph import TUNING as SOLVING
 from somfusion_ros.team.rigid_groups import RigidGroups
 from somfusion_ros.team.solution import Solution
@@ -152,8 +154,9 @@ def _consistent(members: list[str], words: PairWords, doubts: Mapping[str, int],
 
 def _contradicts(graph: PoseGraph, estimate: Estimate) -> bool:
     """Return whether the cycles as a whole, or one constraint, are off by more than noise."""
-    return bool(estimate.chi2.sum() > _gate(graph)
-                or estimate.chi2.max(initial=0.0) > chdtri(3, 1.0 - TUNING.contradiction))
+    return len(graph.pairs) >= graph.nodes and bool(
+        estimate.chi2.sum() > _gate(graph)
+        or estimate.chi2.max(initial=0.0) > chdtri(3, 1.0 - TUNING.contradiction))
 
 
 def _gate(graph: PoseGraph) -> float:

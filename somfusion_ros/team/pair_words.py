@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, wrap
-from somfusion_ros.team.constraint import MapConstraint, TUNING, turned, with_drift
+from somfusion_ros.team.constraint import (information_of, MapConstraint, TUNING, turned,
+                                           with_drift)
 
 
 class PairWords(NamedTuple):
@@ -46,7 +47,7 @@ class PairWords(NamedTuple):
             raise ValueError(f'constraint {" - ".join(wrong.robots)} is not finite')
         pairs = np.array([(number[c.target], number[c.source]) for c in constraints],
                          dtype=np.intp).reshape(-1, 2)
-        return cls(constraints, pairs, pairs, poses, np.linalg.inv(with_drift(poses, P)))
+        return cls(constraints, pairs, pairs, poses, information_of(with_drift(poses, P)))
 
     def only(self, which: NDArray[np.intp]) -> 'PairWords':
         """Return some of them."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Array, between, compose, compose_jacobians, Pose, wrap
-from somfusion_ros.team.constraint import chained, Dropped, TUNING
+from somfusion_ros.team.constraint import chained, Dropped, information_of, TUNING
 from somfusion_ros.team.pair_words import PairWords
 from somfusion_ros.team.solution import Solution
 
@@ -49,9 +49,9 @@ class RigidGroups:
                  ) -> tuple[Array, Array]:
         """Return where one group lies in another, if one robot's map lies so in another's."""
         a, b = robots
-        T, P = chained((self._poses[a], self._P[a]), (measured, np.linalg.inv(information)),
+        T, P = chained((self._poses[a], self._P[a]), (measured, information_of(information)),
                        (self._poses[b], self._P[b]))
-        return np.array(T), np.linalg.inv(P)
+        return np.array(T), information_of(P)
 
     def against(self, words: PairWords) -> list[Dropped]:
         """Return words on two robots of one group that contradict where these lie."""

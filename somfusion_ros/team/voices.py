@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 from somfusion_ros.geometry import Pose, wrap
-from somfusion_ros.team.constraint import Dropped, MapConstraint, TUNING, turned, with_drift
+from somfusion_ros.team.constraint import (Dropped, information_of, MapConstraint, TUNING,
+                                           turned, with_drift)
 
 TWICE = 2      # so many sightings that agree outweigh a match
 SIGHTINGS = 5  # newest ones of a peer that are kept
@@ -103,11 +104,11 @@ def _agree(alike: Sequence[MapConstraint]) -> NDArray[np.bool_]:
 def _merged(leader: MapConstraint, agreeing: Sequence[MapConstraint]) -> MapConstraint:
     """Merge what agrees with a leader: constraints of one kind hang together and count as one."""
     kinds = [one.kind for one in agreeing]
-    weights = [np.linalg.inv(one.covariance) / kinds.count(one.kind) for one in agreeing]
+    weights = [information_of(one.covariance) / kinds.count(one.kind) for one in agreeing]
     off = np.array([np.subtract(one.T_target_source, leader.T_target_source)
                     for one in agreeing])
     off[:, 2] = wrap(off[:, 2])
-    P = np.linalg.inv(np.sum(weights, axis=0))
+    P = information_of(np.sum(weights, axis=0))
     mean = np.add(leader.T_target_source, P @ np.einsum('nij,nj->i', np.array(weights), off))
     return replace(leader, T_target_source=Pose.from_array(mean), covariance=(P + P.T) / 2.0,
                    probability=max(one.probability for one in agreeing),

@@ -7,13 +7,13 @@ from itertools import combinations
 from typing import Any
 
 from helpers import pose_error
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, inverse, Pose
-from somfusion_ros.team import pose_graph
-from somfusion_ros.team.constraint import Dropped, MapConstraint, with_drift
+from somfusion_ros.team import estimate
+from somfusion_ros.team.constraint import Dropped, MapConstraint, sane_covariance, with_drift
 from somfusion_ros.team.graph import solve
 
 EXACT = np.eye(3) * 1e-6
@@ -139,12 +139,12 @@ def test_a_liar_in_a_team_of_64_costs_little_more_work(
         monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     """All pairs told by both robots: what is counted is how often the graph is linearised."""
     count = [0]
-    linearise = pose_graph._linearise
+    linearise = estimate._linearise
 
     def counted(*args: Any) -> Any:
         count[0] += 1
         return linearise(*args)
-    monkeypatch.setattr(pose_graph, '_linearise', counted)
+    monkeypatch.setattr(estimate, '_linearise', counted)
     truth = {f'r{k:02d}': Pose(*rng.uniform((-50, -50, -3), (50, 50, 3))) for k in range(64)}
     liar, work = 'r63', {}
     for lies in (False, True):
@@ -176,6 +176,58 @@ def test_a_bridge_is_never_dropped(rng: np.random.Generator) -> None:
     solution = solve(truth, constraints)
     assert len(solution.groups[0]) == 4
     assert [d.constraint.source for d in solution.dropped] != ['d']
+
+
+def liars(seed: int) -> list[MapConstraint]:
+    """Three robots that agree, roughly, and two liars that place each of them surely, anywhere."""
+    rng = np.random.default_rng(seed)
+    truth = team(3, rng)
+    honest = [replace(constraint(truth, *pair), author=one, covariance=np.diag([1.0, 1.0, 0.25]))
+              for pair in combinations(truth, 2) for one in pair]
+    return honest + [MapConstraint(liar, one, Pose(*rng.uniform((-15, -15, -3), (15, 15, 3))),
+                                   1e-4 * np.eye(3), author=liar)
+                     for liar in ('x', 'y') for one in truth]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10 ** 6))
+@example(822)
+def test_what_contradicts_neither_throws_a_map_away_nor_tears_a_team_apart(seed: int) -> None:
+    """Whole steps of Gauss-Newton went ever farther, and then the last word on a robot went."""
+    group, = solve('abcxy', liars(seed)).groups
+    assert np.abs([pose[:2] for pose in group.values()]).max() < 100.0
+
+
+def absurd(seed: int) -> list[MapConstraint]:
+    """Say the most absurd that a message can: far away, known far too well or hardly at all."""
+    rng = np.random.default_rng(seed)
+    said: list[MapConstraint] = []
+    while len(said) < 12:
+        target, source, other = rng.choice(list('abcd'), 3, replace=False).tolist()
+        A = rng.normal(size=(3, 3)) * 10.0 ** rng.uniform(-4, 0, 3)
+        scale = 10.0 ** rng.uniform(-9, (3, 3, 1)) / np.sqrt(np.diag(A @ A.T))
+        P = A @ A.T * np.outer(scale, scale)
+        try:
+            sane_covariance((P + P.T) / 2.0)
+        except ValueError:
+            continue
+        reach = 10.0 ** rng.uniform(0, 5)
+        said.append(MapConstraint(
+            target, source, Pose(*rng.uniform(-reach, reach, 2), rng.uniform(-3, 3)),
+            (P + P.T) / 2.0, kind=str(rng.choice(['match', 'sighting'])),
+            author=str(rng.choice([target, source, other]))))
+    return said
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10 ** 6))
+@example(5)
+@example(9)
+def test_whatever_a_message_may_say_is_solved(seed: int) -> None:
+    """One in six such teams stopped the worker: of matrices that were not singular on paper."""
+    solution = solve('abcd', absurd(seed))
+    assert all(np.isfinite(pose).all() for group in solution.groups for pose in group.values())
+    assert all(np.isfinite(P).all() for P in solution.covariances.values())
 
 
 @pytest.mark.parametrize('bad', [
