@@ -9,6 +9,7 @@ joins may not belong together, and the user should know by whose word it does.
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 from somfusion_ros.settings import tuned
 from somfusion_ros.team.constraint import MapConstraint
@@ -66,17 +67,23 @@ def hanging(solution: Solution, name: str, mute: Collection[str] = ()
     other robot is mute.
     """
     piece = {robot: members for members in solution.pieces for robot in members}
-    reached: dict[str, tuple[str, ...]] = dict.fromkeys(piece.get(name, {name}), ())
-    words = sorted(solution.single, key=lambda one: (one.author, one.robots))
-    while True:
-        steps = [(len(authors), authors, other) for word in words
-                 for one, other in (word.robots, word.robots[::-1])
-                 if one in reached and other not in reached
-                 for authors in [_with(reached[one], _doubtful(word, name, mute))]]
-        if not steps:
-            return {robot: authors for robot, authors in reached.items() if authors}
-        _, authors, new = min(steps)
-        reached |= dict.fromkeys(piece[new], authors)
+    words: dict[str, list[tuple[str, str]]] = {}
+    for word in solution.single:
+        for one, other in (word.robots, word.robots[::-1]):
+            words.setdefault(one, []).append((other, _doubtful(word, name, mute)))
+    reached: dict[str, tuple[str, ...]] = {}
+    todo: list[tuple[int, tuple[str, ...], str]] = [(0, (), name)]
+    while todo:      # fewest authors first
+        _, authors, robot = heappop(todo)
+        if robot in reached:
+            continue
+        members = piece.get(robot, frozenset({robot}))
+        reached |= dict.fromkeys(members, authors)
+        for other, author in (way for one in members for way in words.get(one, ())):
+            if other not in reached:
+                more = _with(authors, author)
+                heappush(todo, (len(more), more, other))
+    return {robot: authors for robot, authors in reached.items() if authors}
 
 
 def _doubtful(word: MapConstraint, name: str, mute: Collection[str]) -> str:

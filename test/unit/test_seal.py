@@ -93,3 +93,17 @@ def test_to_seal_and_to_check_takes_milliseconds() -> None:
     verify(public_key(SECRET), b'', sign(SECRET, b''))
     assert cpu(lambda: sign(SECRET, b'x'))[0] < 0.05
     assert cpu(lambda: verify(public_key(SECRET), b'x', sign(SECRET, b'')))[0] < 0.1
+
+
+def test_a_pair_that_is_known_better_is_told_a_little_later_and_a_new_one_at_once() -> None:
+    outbox = Outbox('ab12', 'a', SECRET)
+    snapshot = Snapshot(constraints=SAID, epoch=Epoch('1f'))
+    finer = replace(snapshot, constraints=(replace(SAID[0], probability=0.95), SAID[1]))
+    told = [outbox.state(*given) for given in (
+        (snapshot, 0, 0.0), (finer, 0, 1.0), (finer, 0, 3.5), (finer, 0, 4.0),
+        (replace(finer, constraints=SAID[:1]), 0, 4.1),
+        (replace(finer, constraints=SAID[:1], refuted=('b',)), 0, 4.2))]
+    assert [bool(text) for text in told] == [True, False, True, False, True, True]
+    states = [decode_state(text) for text in told if text]
+    assert [state.number for state in states] == [1, 2, 3, 4]
+    assert states[1].constraints[0].probability == 0.95
