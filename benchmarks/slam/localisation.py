@@ -25,6 +25,7 @@ from somfusion_ros.offline.robot_run import RobotRun, run_robot
 from somfusion_ros.slam.start import Start
 
 NEAR = 1.0    # [m] from the map's views
+STEP = 0.3    # [m] in which a way is measured: the noise of many scans would add to it
 
 
 class Pair:
@@ -49,9 +50,13 @@ class Pair:
 
     def driven(self, begin: float, end: float) -> float:
         """Return the way [m] driven near the map between two stamps [s]."""
-        during = (self.stamps >= begin) & (self.stamps <= end)
-        steps = np.hypot(*np.diff(self._poses[during, :2], axis=0).T)
-        return float(steps[self._near[during][1:]].sum())
+        during = np.flatnonzero((self.stamps >= begin) & (self.stamps <= end))
+        total, last = 0.0, self._poses[during[0]]
+        for k in during:
+            step = float(np.hypot(*(self._poses[k] - last)[:2]))
+            if step >= STEP:
+                total, last = total + step * self._near[k], self._poses[k]
+        return total
 
     def off(self, run: RobotRun) -> tuple[Array, Array]:
         """Return distances and turns (N, 2) [m] [deg] of a run, and the mask near the map."""
