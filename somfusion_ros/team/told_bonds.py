@@ -61,6 +61,8 @@ class ToldBonds:
         """
         Return of which peers the bond with this robot is false, and by how much [m]; note it.
 
+        What robots say of theirs that are not known any more is forgotten.
+
         views: of the connected team; T_own_peer: of the peers that this robot accepts. False is
         one that has the own views, in the median, farther than `mismatched` [m] from where they
         match, or farther than `misplaced` [m] from where the maps do if they match nowhere.
@@ -79,6 +81,7 @@ class ToldBonds:
                 asked = self._apart[peer] = key, _between(mine, told, views, T_own_peer[peer])
             if asked[1] > (mismatched if mine else misplaced):
                 found[peer] = asked[1]
+        self.refuted = {robot: peers for robot, peers in self.refuted.items() if robot in epochs}
         self.refuted[self._name] = frozenset(found)
         return found
 

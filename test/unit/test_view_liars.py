@@ -182,6 +182,16 @@ def test_a_bond_that_the_other_robot_finds_elsewhere_counts_for_nobody(off: floa
     assert one.solved == []      # nor does one of a pair that the other one does not accept
 
 
+def test_what_robots_call_false_is_forgotten_with_them() -> None:
+    """Names that come and go left six kilobytes each."""
+    one, _, _ = team()
+    for k in range(100):
+        one.hear_refuted(f'g{k}', [f'h{k}_{j}' for j in range(64)])
+    one.hear_refuted('robot2', ['robot1'])
+    one.refute({}, EPOCHS)
+    assert one._bonds.refuted == {'robot1': frozenset(), 'robot2': frozenset({'robot1'})}
+
+
 @pytest.mark.parametrize(('off', 'least', 'most'), [(0.35, 0.4, 0.8), (0.6, 0.0, 0.05)])
 def test_how_far_a_liar_with_a_true_map_moves_two_who_agree(off: float, least: float, most: float
                                                             ) -> None:
