@@ -13,10 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_matrix, identity
+from scipy.sparse import csc_matrix, diags, identity
 from scipy.sparse.linalg import splu
 from somfusion_ros.geometry import Array, between_jacobians, wrap
 from somfusion_ros.settings import tuned
+from somfusion_ros.team.constraint import information_of
 from somfusion_ros.team.thinning import Constraints, hung, Spine
 from somfusion_ros.team.view_set import ViewSet
 
@@ -41,6 +42,8 @@ class JointSettings:
                         'by design')
     damping: float = tuned(1e-3, '', 'information of a first node of every other robot, where '
                            'matches leave a direction open', 'by design')
+    farthest_step: float = tuned(1e4, 'm', 'that a node moves at once; whole steps run away from '
+                                 'what is absurd', 'by design')
     floor: tuple[float, float] = tuned((0.01, 0.01), 'm, rad', 'least sigma between robots, so '
                                        'that no claim of one bends the others', 'shared teams')
 
@@ -106,7 +109,7 @@ class JointProblem:
         """Put all constraints together."""
         parts = [part for part, _, _ in self._parts]
         self._i, self._j, self._z, R = map(np.concatenate, zip(*parts, strict=True))
-        self._Omega = np.linalg.inv(R + 1e-12 * np.eye(3))
+        self._Omega = information_of(R + 1e-12 * np.eye(3))
         counts = [len(part.z) for part in parts]
         self._robust = np.repeat([robust for _, robust, _ in self._parts], counts)
         self._match = np.repeat([match for _, _, match in self._parts], counts)
@@ -157,19 +160,23 @@ class JointProblem:
         i, j = self._i, self._j
         H = _sparse([(i, i, AtO @ A), (i, j, AB), (j, i, AB.transpose(0, 2, 1)), (j, j, BtO @ B),
                      (self._firsts, self._firsts, self._damping)], len(x))
-        try:
-            step = _solved(H, g)
-        except RuntimeError:     # singular to the last digit: hold every node where it is a little
-            step = _solved(H + self._settings.damping * identity(3 * len(x), format='csc'), g)
-        return step
+        step = _solved(H, g)
+        if step is None:     # singular to the last digit: hold every node where it is a little
+            held = self._settings.damping * (identity(3 * len(x)) + diags(H.diagonal()))
+            step = _solved(H + held, g)
+        return np.zeros_like(x) if step is None else np.clip(
+            step, -self._settings.farthest_step, self._settings.farthest_step)
 
 
-def _solved(H: csc_matrix, g: Array) -> Array:
-    """Step (n, 3) for a gradient (n, 3); RuntimeError where the problem is singular."""
-    factor = splu(csc_matrix(H), permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
-                  options={'SymmetricMode': True})
+def _solved(H: csc_matrix, g: Array) -> Array | None:
+    """Step (n, 3) for a gradient (n, 3); None where the problem is singular."""
+    try:
+        factor = splu(csc_matrix(H), permc_spec='MMD_AT_PLUS_A', diag_pivot_thresh=0.0,
+                      options={'SymmetricMode': True})
+    except RuntimeError:
+        return None
     step: Array = factor.solve(g.ravel()).reshape(-1, 3)
-    return step
+    return step if np.isfinite(step).all() else None
 
 
 def _sparse(blocks: list[tuple[Array, Array, Array]], nodes: int) -> csc_matrix:
