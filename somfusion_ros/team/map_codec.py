@@ -89,17 +89,19 @@ class MapDecoder:
     def __init__(self, max_cells: int) -> None:
         self._max_cells, self._number = max_cells, 0
         self._key: tuple[bytes, MapCells] | None = None   # with its digest
-        self._change: bytes | None = None
+        self._change: bytes | None = None    # the newest: shown, or it waits for its key, and
+        self._changed = 0                    # its number
         self.newest: tuple[Epoch, MapCells] | None = None
         self.own: tuple[Epoch, MapCells] | None = None
 
     def restart(self) -> None:
         """Expect numbers from the beginning: the sender was started again."""
-        self._number = 0
+        self._number = self._changed = 0
 
     def is_stale(self, message: bytes) -> bool:
-        """Return whether a message is older than one that came before; 0 is of any age."""
-        return 0 < number_of(message) < self._number
+        """Return whether one like a message is newer, shown or waiting; 0 is of any age."""
+        newest = self._number if message.startswith(KEY) else max(self._number, self._changed)
+        return 0 < number_of(message) < newest
 
     def decode(self, message: bytes) -> MapCells | None:
         """
@@ -124,10 +126,10 @@ class MapDecoder:
             self._key = header.digest, key
             return self._with_change(key, header.number)
         if self._key is None or self._key[0] != header.key:
-            self._change = message
+            self._change, self._changed = message, header.number
             return None
         cells = _changed(self._key[1], header, message)
-        self._change = message
+        self._change, self._changed = message, header.number
         return cells
 
     def _with_change(self, key: MapCells, number: int) -> MapCells:
@@ -138,7 +140,7 @@ class MapDecoder:
                 try:
                     return _changed(key, header, self._change)
                 except ValueError:
-                    self._change = None
+                    self._change, self._changed = None, 0
         return key
 
 

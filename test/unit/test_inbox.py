@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps of a robot that was gone for a while, told by itself and by others, in any order."""
 
+from itertools import permutations
 from types import SimpleNamespace
 
 from helpers import fake_grid, furnished_room
@@ -16,7 +17,7 @@ from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
-from somfusion_ros.team.map_codec import key_message, MapEncoder, number_of
+from somfusion_ros.team.map_codec import HEADER, Header, key_message, MapEncoder, number_of
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.scouting import Scouting
 from somfusion_ros.team.session import FusionSession
@@ -33,6 +34,12 @@ def version(number: int) -> MapCells:
     values = CELLS.values.copy()
     values[:, 40 + 20 * number:] = -1
     return CELLS._replace(values=values)
+
+
+def numbered(message: bytes, number: int) -> bytes:
+    """Give another number to a message of a map."""
+    header = Header(*HEADER.unpack_from(message))._replace(number=number)
+    return HEADER.pack(*header) + message[HEADER.size:]
 
 
 class Listener:
@@ -140,6 +147,24 @@ def test_a_map_may_become_again_what_it_was() -> None:
     listener.assert_shows(version(2))
     listener.hear(MAP, key_message(version(1), EPOCH, 3))
     listener.assert_shows(version(1))
+
+
+@pytest.mark.parametrize('order', [*permutations(range(4))])
+def test_the_newest_map_is_shown_in_whatever_order_its_parts_come(order: tuple[int, ...]) -> None:
+    """A change waited for its key, and an older one that came late took its place."""
+    first, second, listener = MapEncoder(), MapEncoder(), Listener()
+    first.encode(version(1), EPOCH)
+    first.encode(version(2), EPOCH)
+    second.encode(version(3), EPOCH)
+    second.encode(version(4), EPOCH)
+    parts = [(MAP, first.key), (CHANGES, first.change), (MAP, second.key),
+             (CHANGES, second.change)]
+    for k in order:
+        channel, data = parts[k]
+        assert data is not None
+        listener.hear(channel, numbered(data, k + 1))
+    listener.assert_shows(version(4))
+    assert not listener.counted
 
 
 @settings(max_examples=60, deadline=None)
