@@ -193,8 +193,7 @@ class Inbox:
         if cells is None:
             return None
         changed = self._session.take_map(robot, _shared(cells), lent)
-        self._lent.discard(robot)
-        self._lent |= {robot} if lent else set()
+        self._lent = self._lent | {robot} if lent else self._lent - {robot}
         return cells if changed else None
 
     def _give_back(self) -> None:
@@ -233,12 +232,14 @@ class Inbox:
     def _begin(self, robot: str, epoch: Epoch, keep_map: bool = False,
                given: Epoch | None = None) -> None:
         """Note which map a robot has; where it is another one, its old poses are nowhere."""
+        known = self._session.epoch_of(robot) is not None
         if self._session.begin(robot, epoch, self._clock(), keep_map, given):
             self.heard[robot].forget_poses()
-            decoder = self._decoders.get(robot)
-            newest = None if decoder is None else decoder.newest
-            if newest is not None and newest[0] == epoch:   # others had told of another one
-                self._session.take_map(robot, _shared(newest[1]))
+        elif known:
+            return
+        decoder = self._decoders.get(robot)     # others had told of another map, or of none
+        if decoder and decoder.newest and decoder.newest[0] == epoch:
+            self._session.take_map(robot, _shared(decoder.newest[1]))
 
 
 def _shared(cells: MapCells) -> SharedMap:

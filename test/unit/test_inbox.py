@@ -17,6 +17,7 @@ from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
+from somfusion_ros.team.last_words import DepartedRobot
 from somfusion_ros.team.map_codec import HEADER, Header, key_message, MapEncoder, number_of
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.scouting import Scouting
@@ -184,6 +185,22 @@ def test_who_is_back_is_shown_as_it_told_itself_last(story: list[str]) -> None:
     listener.look(present=True)
     last = max((k for k, event in enumerate(story, start=1) if event == 'own'), default=0)
     listener.assert_shows(version(last))
+
+
+def test_a_robot_that_two_liars_took_the_map_of_has_it_again_when_it_is_back() -> None:
+    """They said that it had another one, and fell silent; it says nothing new."""
+    listener = Listener()
+    listener.hear(MAP, key_message(version(3), EPOCH, 1))
+    other = DepartedRobot('z', 10 ** 9, (), Epoch('9f'))
+    for liar in ('b', 'c'):
+        listener.session.take_state(liar, TeamState('11a7', departed=(other,)))
+    listener.session.refresh({'b', 'c'})
+    assert 'z' not in listener.session._team.maps       # most say so
+    listener.session.refresh(set())
+    assert listener.session.epoch_of('z') is None
+    listener.hear(STATE, TeamState('ab12', epoch=EPOCH, number=2))
+    listener.look(True)
+    listener.assert_shows(version(3))
 
 
 @pytest.mark.parametrize(('own_lag', 'ahead', 'said'), [
