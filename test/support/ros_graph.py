@@ -16,6 +16,7 @@ from rclpy.node import Node
 from somfusion_ros.ros.apps.processes import free_domain, Processes
 
 TIMEOUT = 40.0   # [s] for anything to happen; a loaded machine is slow
+SETTLED = 0.3    # [s] in which a service sees its new client, whose answer is lost otherwise
 
 
 class Graph:
@@ -58,6 +59,7 @@ class Graph:
         """Call a service and return its answer."""
         client = self.node.create_client(kind, service)
         self.until(client.service_is_ready, f'service {service}')
+        self.spin_for(SETTLED)
         future = client.call_async(request or kind.Request())
         self.until(future.done, f'answer of {service}')
         self.node.destroy_client(client)

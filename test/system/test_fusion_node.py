@@ -260,8 +260,10 @@ def test_a_slam_node_that_is_killed_begins_a_new_map_that_joins_again(graph: Gra
     os.kill(first, signal.SIGKILL)
     graph.processes.stop(['slam', 'player first'])
     assert graph.processes.statuses.pop('slam') == -signal.SIGKILL
-    result['map'].clear()
     drive('second', 'true')
+    log = graph.processes.log_path('robot1')
+    graph.until(lambda: 'robot2 began another map' in log.read_text(), 'word of a new map')
+    result['map'].clear()      # maps with the old one count no more
     graph.until(joined, 'one map of both, with a new one of robot2')
     assert keep
     graph.assert_clean(graph.processes.stop())
