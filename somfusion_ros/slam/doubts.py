@@ -93,7 +93,9 @@ class Doubts:
         return True
 
     def deny(self, bridge: Bridge) -> None:
-        """Doubt all views from a bridge on."""
+        """Doubt all views from a bridge on, unless it was taken back meanwhile."""
+        if bridge.first in self._graph.hidden:
+            return
         self._counters['bridges_denied'] += 1
         self._bridges.clear()
         self._held = None

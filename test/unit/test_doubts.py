@@ -86,6 +86,16 @@ def test_a_bridge_that_is_not_judged_yet_hides_no_other() -> None:
     assert KNOWN + 2 in graph.hidden
 
 
+def test_a_bridge_that_was_taken_back_meanwhile_is_not_denied_again() -> None:
+    """The second look takes a while; what came since may hang at its place."""
+    graph, count = drive(CARRIED), Counter[str]()
+    doubts, bridge = Doubts(graph, count), Bridge(KNOWN, range(KNOWN))
+    doubts.deny(bridge)
+    assert doubts.take_back()
+    doubts.deny(bridge)
+    assert not doubts.take_back()
+
+
 def test_a_new_map_has_nothing_to_take_back() -> None:
     """Before a map is worth coming back to, a view that little holds is a guess like any other."""
     graph, count = drive(CARRIED), Counter[str]()
