@@ -6,14 +6,15 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import cv2
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgb
 import numpy as np
 from rich.text import Text
 from somfusion_ros.geometry import Array
-from somfusion_ros.report.palette import UNKNOWN
+from somfusion_ros.report.palette import BOTH, FREE, UNKNOWN
 from somfusion_ros.report.pictures import Picture
 
 UPPER, LOWER, MARK = '▀', '▄', '●'
+SHARED = '#808080'   # walls of several robots: seen on a dark terminal and on a light one
 
 
 class Mark(NamedTuple):
@@ -38,29 +39,50 @@ def map_text(picture: Picture, width: int, height: int, marks: Iterable[Mark] = 
     text = Text(no_wrap=True)
     for line in range(len(small) // 2):
         for column in range(columns):
-            above, below = small[2 * line, column], small[2 * line + 1, column]
+            above, below = (_colour(small[2 * line + k, column]) for k in (0, 1))
             if (line, column) in found:
-                text.append(MARK, f'bold {found[line, column]}')
+                ground = f' on {below or above}' if below or above else ''
+                text.append(MARK, f'bold {found[line, column]}{ground}')
             else:
-                text.append(*_character(_colour(above), _colour(below)))
+                text.append(*_character(above, below))
         text.append('\n')
     text.rstrip()
     return text
 
 
 def _shrunk(image: Array, columns: int, rows: int) -> Array:
-    """Shrink an image to (rows, columns, 3); dark pixels, the walls, stay visible."""
+    """
+    Shrink an image (H, W, 3) to colours 0xRRGGBB (rows, columns).
+
+    Walls stay visible however thin they are, and no colours are mixed: where walls of several
+    colours meet in one character, they are those of several robots.
+    """
+    colours = _packed(np.rint(255.0 * np.clip(image, 0.0, 1.0)))
+    wall = (colours != _colour_number(FREE)) & (colours != _colour_number(UNKNOWN))
     step = max(int(np.ceil(max(image.shape[0] / rows, image.shape[1] / columns))), 1)
-    dark = cv2.erode(image.astype(np.float32), np.ones((step, step), np.uint8))
-    return cv2.resize(dark, (columns, rows), interpolation=cv2.INTER_NEAREST)
+    window = np.ones((step, step), np.uint8)
+    space = cv2.erode(colours, window)
+    first = cv2.erode(np.where(wall, colours, np.float32(np.inf)), window)
+    last = cv2.dilate(np.where(wall, colours, np.float32(-1.0)), window)
+    found = np.where(last < 0, space, np.where(first == last, first, _colour_number(SHARED)))
+    found[found == _colour_number(BOTH)] = _colour_number(SHARED)
+    return cv2.resize(found.astype(np.float32), (columns, rows), interpolation=cv2.INTER_NEAREST)
 
 
-def _colour(pixel: Array) -> str:
-    """Return a pixel's colour; '' for unknown, which keeps the terminal's own background."""
-    if np.allclose(pixel, to_rgb(UNKNOWN), atol=0.01):
-        return ''
-    red, green, blue = np.clip(pixel, 0.0, 1.0).tolist()
-    return to_hex((red, green, blue))
+def _packed(channels: Array) -> Array:
+    """Write red, green and blue (..., 3) in 0..255 as one number, which a float32 holds."""
+    numbers: Array = (channels @ np.array([65536.0, 256.0, 1.0])).astype(np.float32)
+    return numbers
+
+
+def _colour_number(name: str) -> float:
+    """Return a colour as `_packed` writes it."""
+    return float(_packed(np.rint(255.0 * np.array(to_rgb(name)))))
+
+
+def _colour(number: float) -> str:
+    """Return a colour's name; '' for unknown, which keeps the terminal's own background."""
+    return '' if number == _colour_number(UNKNOWN) else f'#{int(number):06x}'
 
 
 def _character(above: str, below: str) -> tuple[str, str]:

@@ -80,7 +80,7 @@ def map_panel(team: HeardTeam, group: Mapping[str, Pose], width: int, height: in
     places = [compose(group[robot], team.poses[robot]) for robot in robots]
     marks = [Mark(place[0], place[1], colours[robot]) for robot, place in zip(robots, places)]
     title = Text(' + ').join(Text(robot, f'bold {colours[robot]}') for robot in group)
-    title.append(': one map' if len(group) > 1 else ': not merged', 'default')
+    title.append(': one map, shared walls grey' if len(group) > 1 else ': not merged', 'default')
     return Panel.fit(map_text(picture, width, height, marks), title=title)
 
 

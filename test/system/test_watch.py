@@ -12,13 +12,14 @@ import sys
 import time
 
 from helpers import fake_grid, fake_room, need_ros, ros_environment
+from matplotlib.colors import to_rgb
 import numpy as np
 from pace import patient
 import pytest
 from rich.console import Console
 from somfusion_ros.geometry import compose, inverse, Pose
-from somfusion_ros.report.map_text import LOWER, map_text, MARK, Mark, UPPER
-from somfusion_ros.report.palette import team_colours
+from somfusion_ros.report.map_text import LOWER, map_text, MARK, Mark, SHARED, UPPER
+from somfusion_ros.report.palette import BOTH, FREE, team_colours
 from somfusion_ros.report.watch_view import Health, HeardTeam, view
 
 WALLS = fake_room()
@@ -63,6 +64,17 @@ def test_thin_walls_do_not_vanish() -> None:
     image[:, 201] = 0.0
     lines = map_text((image, (0.0, 1.0, 0.0, 1.0)), 40, 20).plain.split('\n')
     assert all(UPPER in line for line in lines)
+
+
+def test_walls_of_several_robots_are_grey_and_no_colours_are_mixed() -> None:
+    colours = list(team_colours(['robot1', 'robot2']).values())
+    image = np.ones((400, 400, 3))
+    image[100:300, 100:300] = to_rgb(FREE)
+    image[:, 101], image[:, 104], image[:, 301] = *map(to_rgb, colours), to_rgb(BOTH)
+    image[200] = to_rgb(colours[0])
+    text = map_text((image, (0.0, 1.0, 0.0, 1.0)), 40, 20)
+    styles = {word for span in text.spans for word in str(span.style).split() if word != 'on'}
+    assert styles == {SHARED, FREE.lower(), colours[0].lower()}
 
 
 def test_a_team_is_shown_before_and_after_it_merged() -> None:
