@@ -95,9 +95,9 @@ def run_robot(log: Log, config: SlamConfig | None = None,
         raise BagError(f'{log.path}: no scan could be used: {faults.main_cause()}')
     while slam.work():
         pass
+    grid = slam.grid(anew=True)   # so that maps which a history drew on the way change nothing
     if history is not None:
         history.end(slam)
-    grid = slam.grid()
     seconds = time.perf_counter() - started
     view_stamps, views = slam.views()
     checkpoint = slam.checkpoint()

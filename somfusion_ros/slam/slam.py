@@ -158,12 +158,13 @@ class Slam:
         """Why a lost robot is not found yet, in words; '' where it is not lost."""
         return self._lost.reason if self._lost else ''
 
-    def grid(self, most: int | None = None) -> Grid:
-        """Return the map at the poses held now; most: as in `Mapper.render`."""
+    def grid(self, most: int | None = None, anew: bool = False) -> Grid:
+        """Return the map at the poses held now, drawn anew if asked; most: `Mapper.render`'s."""
         if self._drawn is not None:
             return self._drawn
         scans, poses = self._map.drawn()
         with self._map_lock:
+            self._mapper = Mapper(self.config.resolution, self.counters) if anew else self._mapper
             return self._mapper.render(scans, self.bend.views(poses), most)
 
     def views(self) -> tuple[Array, Array]:

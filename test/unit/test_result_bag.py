@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from somfusion_ros.geometry import compose
+from somfusion_ros.io.bags.log import open_log
 from somfusion_ros.io.frame_tree import yaw
+from somfusion_ros.offline.history import History
 from somfusion_ros.offline.replay import replay, ReplayOptions
 from somfusion_ros.offline.result_bag import shifts_of
+from somfusion_ros.offline.robot_run import run_robot
 
 pytestmark = pytest.mark.slow
 WAY = np.array([(1.0, 1.0), (4.0, 1.2), (6.5, 2.6), (4.0, 3.2), (1.5, 4.5), (1.0, 1.0),
@@ -49,6 +52,16 @@ def test_every_topic_is_there_and_grows_over_time(replayed: Any) -> None:
         clouds = [m for _, m in messages[f'/{robot}/clusters']]
         assert clouds[-1].width > 20
         assert len(clouds[-1].data) == clouds[-1].row_step
+
+
+def test_maps_drawn_on_the_way_do_not_change_the_last_one(replayed: Any) -> None:
+    out, _ = replayed
+    log = open_log(out.parent / 'a')
+    history = History(2.0)
+    told, alone = run_robot(log, history=history), run_robot(log)
+    assert len(history.maps) > 5
+    assert np.array_equal(told.grid.evidence, alone.grid.evidence)
+    assert np.array_equal(history.maps[-1][1].evidence, alone.grid.evidence)
 
 
 def test_logs_of_different_days_are_told_side_by_side(replayed: Any) -> None:
