@@ -4,18 +4,29 @@
 
 import argparse
 from collections.abc import Sequence
+import signal
 import sys
 
 from somfusion_ros import __version__
-from somfusion_ros.cli import merge, replay, report, simulate, watch
-from somfusion_ros.io.console import complain
 
-BAD_INPUT = 2
-COMMANDS = (replay, merge, simulate, report, watch)
+BAD_INPUT, INTERRUPTED = 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return 0 when it ran, 2 on bad usage or input."""
+    """Run a command; return 0 when it ran, 2 on bad usage or input, 130 when it was stopped."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return run(arguments)
+    except KeyboardInterrupt:   # SIGINT or SIGTERM, also while numpy is still being imported
+        sys.stderr.write('somfusion: interrupted\n')
+        return INTERRUPTED
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def run(arguments: Sequence[str] | None) -> int:
+    """Run a command to its end; return 0 when it ran, 2 on bad usage or input."""
+    from somfusion_ros.io.console import complain
     described = parser()
     options, more = described.parse_known_args(arguments)
     if more and options.command != 'watch':
@@ -24,22 +35,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options.run(options)
     except (ValueError, OSError) as error:
-        complain(f'somfusion {options.command}: {error}')
+        complain(f'somfusion {options.command}: {sentence(error)}')
         return BAD_INPUT
-    except KeyboardInterrupt:
-        complain(f'somfusion {options.command}: interrupted')
-        return 130
     return 0
+
+
+def sentence(error: ValueError | OSError) -> str:
+    """Return what an error says, without the number of the system's errors."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f'{error.filename}: {error.strerror}'
+    return str(error)
 
 
 def parser() -> argparse.ArgumentParser:
     """Describe the commands and their options."""
+    from somfusion_ros.cli import merge, replay, report, simulate, watch
     top = argparse.ArgumentParser(
         prog='somfusion',
         description='Multi-robot 2-D SLAM: maps from logs, one map from several robots.')
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     commands = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for command in COMMANDS:
+    for command in (replay, merge, simulate, report, watch):
         command.add(commands)
     return top
 

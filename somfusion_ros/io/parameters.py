@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nodes' parameter files for the commands: the same numbers offline as live."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TYPE_CHECKING, TypeVar
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 KNOWN = {item.name for config in (
     SlamConfig, SlamNodeConfig, TeamConfig, FusionConfig, FusionNodeConfig)
          for item in fields(config)}
+OWN = ('slam_node', 'fusion_node')
 Config = TypeVar('Config', bound='DataclassInstance')
 
 
@@ -27,7 +28,8 @@ def read_parameters(paths: Iterable[str | Path]) -> dict[str, Any]:
     """
     Read ROS 2 parameter files (`config/slam.yaml`, `config/fusion.yaml`); later ones win.
 
-    MapError, with one line, where a file is none or names a parameter that does not exist.
+    Blocks of other nodes, as Nav2's files have them, are passed over. MapError, with one line,
+    where a file is none, is for other nodes only, or names a parameter that does not exist.
     """
     values: dict[str, Any] = {}
     for path in paths:
@@ -51,14 +53,34 @@ def make(config: type[Config], values: Mapping[str, Any], **more: Any) -> Config
 
 
 def _parameters(path: Path) -> dict[str, Any]:
-    """Collect what stands under `ros__parameters` of any node in a file."""
+    """Collect what stands under `ros__parameters` of this package's nodes in a file."""
     try:
-        content = yaml.safe_load(path.read_text())
+        blocks = list(_blocks('', yaml.safe_load(path.read_text())))
+        own = [block for node, block in blocks if node in OWN or '*' in node]
         found: dict[str, Any] = {}
-        for node in content.values():
-            found |= node['ros__parameters'] or {}
-        return found
+        for block in own:
+            found |= block or {}
     except OSError as error:
         raise MapError(f'{path}: {error.strerror}') from error
-    except (AttributeError, KeyError, TypeError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError,
+            yaml.YAMLError) as error:
         raise MapError(f'{path}: not a ROS 2 parameter file') from error
+    if not own:
+        raise MapError(f'{path}: has no block for {" or ".join(OWN)}, only for '
+                       f'{", ".join(node for node, _ in blocks)}')
+    return found
+
+
+def _blocks(node: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """
+    Yield the last name of every node in a file, under however many namespaces, and its block.
+
+    KeyError, TypeError or AttributeError where the file is none of ROS 2.
+    """
+    if 'ros__parameters' in content:
+        yield node, content['ros__parameters']
+        return
+    if not content:
+        raise KeyError(node)
+    for name, inner in content.items():
+        yield from _blocks(name.rpartition('/')[2], inner)

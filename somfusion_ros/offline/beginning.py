@@ -56,10 +56,8 @@ def from_grid(grid: Grid) -> Beginning:
 
 
 def _load(path: str | Path) -> Checkpoint:
-    """Read a state file; MapError where it is damaged beyond use."""
+    """Read a state file; OSError where it cannot be read, MapError where it holds no state."""
     try:
         return load_checkpoint(path)
-    except FileNotFoundError:
-        raise
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise MapError(str(error)) from error

@@ -7,6 +7,8 @@ import multiprocessing
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 import os
+import signal
+import threading
 import time
 import traceback
 from typing import Any
@@ -18,6 +20,7 @@ from somfusion_ros.offline.history import History
 from somfusion_ros.offline.robot_run import RobotRun, run_robot
 from somfusion_ros.slam.config import SlamConfig
 
+STOPPING = (signal.SIGINT, signal.SIGTERM)
 TELL_EVERY = 0.2   # [s] between two words of progress from a process
 
 
@@ -58,9 +61,9 @@ def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
                 here, there = context.Pipe(duplex=False)
                 process = context.Process(target=_work, daemon=True,
                                           args=(there, logs[name], config, period))
-                process.start()
-                there.close()
                 running[here] = (name, process)
+                _start(process)
+                there.close()
             for connection in wait(list(running)):
                 name, worker = running[connection]
                 kind, value = _receive(connection, logs[name])
@@ -72,9 +75,32 @@ def _run_parallel(logs: Mapping[str, Log], config: SlamConfig | None, jobs: int,
                     worker.join()
     finally:
         for _, worker in running.values():
-            worker.terminate()
-            worker.join()
+            if worker.pid is not None:
+                worker.kill()   # it has nothing to save
+                worker.join()
     return {name: results[name] for name in logs}
+
+
+def _start(process: BaseProcess) -> None:
+    """
+    Start a process that takes no signal: Ctrl-C also reaches this one, which ends all.
+
+    A signal that comes before the process has all that it is started with is heeded after that.
+    """
+    came: list[object] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():   # only this may set handlers
+        handlers = {number: signal.signal(number, lambda *_: came.append(_))
+                    for number in STOPPING if callable(signal.getsignal(number))}
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)   # the process inherits what is blocked
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _receive(connection: Any, log: Log) -> tuple[str, Any]:
@@ -114,7 +140,5 @@ def _work(connection: Connection, log: Log, config: SlamConfig | None,
         connection.send(('done', run))
     except BagError as error:
         connection.send(('error', str(error)))
-    except KeyboardInterrupt:
-        pass   # the parent got it, too, and speaks for all
     except Exception:
         connection.send(('crash', traceback.format_exc()))

@@ -47,8 +47,10 @@ def grid_checkpoint(grid: Grid) -> Checkpoint:
     """
     Return a checkpoint with views all over a map, in the map's frame.
 
-    ValueError where there is no free space with walls around it.
+    ValueError where there is no free space with walls around it, or cells are too large.
     """
+    if grid.resolution > TUNING.apart:
+        raise ValueError(f'cells of {grid.resolution:g} m are too large to be found in')
     places = _places(grid)
     middles, blind = _middles(grid), _blind(grid)
     clouds = [_look(grid, middles, blind, place) for place in places]

@@ -153,7 +153,8 @@ def _bounds(grid: Grid, T_world_map: Pose, resolution: float) -> tuple[Array, Ar
     corners = np.array([(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)])
     cells = apply(compose(T_world_map, grid.T_frame_grid), corners) / resolution
     if not np.abs(cells).max() < 2 ** 31:
-        raise ValueError('a map lies too far from the world origin')
+        x, y = compose(T_world_map, grid.T_frame_grid)[:2]
+        raise ValueError(f'a map lies too far from the world origin: at {x:g}, {y:g} m')
     low, high = np.floor(cells.min(0) + TUNING.aligned), np.ceil(cells.max(0) - TUNING.aligned)
     return low.astype(int), np.maximum(high, low + 1).astype(int)
 

@@ -27,7 +27,7 @@ from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
 from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
-from somfusion_ros.ros.apps.recording import open_bag, Recording  # noqa: E402
+from somfusion_ros.ros.apps.recording import Recording  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.frames import Frames  # noqa: E402
@@ -291,8 +291,8 @@ def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_a_bag_that_is_none_is_said_by_the_player(tmp_path: Path) -> None:
-    with pytest.raises(Exception, match='nothing'):
-        open_bag(tmp_path / 'nothing').open()
+    with pytest.raises(Exception, match='nothing: no such file or folder'):
+        Recording(tmp_path / 'nothing')
 
 
 class TopicsOnly:

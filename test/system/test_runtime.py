@@ -60,3 +60,14 @@ def test_a_node_ends_soon_after_a_signal_whatever_it_does(when: str, number: int
         assert node.communicate()[1] == ''
     finally:
         node.kill()
+
+
+@pytest.mark.parametrize('arguments', [['--params-file', 'none.yaml'], ['-p', 'resolution']])
+def test_what_rclpy_cannot_read_is_said_in_the_last_line(arguments: list[str]) -> None:
+    code = ('import sys; from somfusion_ros.ros.common.runtime import run; '
+            'raise SystemExit(run(lambda stop: None, sys.argv[1:]))')
+    done = subprocess.run([sys.executable, '-c', code, '--ros-args', *arguments],
+                          env=ros_environment(), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert 'Traceback' not in done.stderr
+    assert arguments[-1] in done.stderr.splitlines()[-1]

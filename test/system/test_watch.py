@@ -142,6 +142,18 @@ def test_the_command_shows_a_team_once_in_a_pipe(published: None, ros_domain: in
     assert 'robot2' in picture.read_text()
 
 
+@pytest.mark.parametrize('options', [['--wait', 'nan'], ['--wait', '-1'],
+                                     ['--svg', 'no/such/folder.svg']])
+def test_bad_usage_is_said_before_anything_is_heard(
+        options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    need_ros()
+    from somfusion_ros.ros.apps.watch import main
+    with pytest.raises(SystemExit) as stopped:
+        main(options)
+    assert stopped.value.code == 2
+    assert options[0] in capsys.readouterr().err.splitlines()[-1]
+
+
 def read(terminal: int) -> str:
     """Read what was drawn; '' once the program has left the terminal."""
     try:

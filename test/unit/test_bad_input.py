@@ -51,6 +51,11 @@ def test_foreign_folder(tmp_path: Path) -> None:
     assert 'not a bag' in bad_bag(tmp_path)
 
 
+def test_a_folder_of_bags_names_one_of_them(good: Path, tmp_path: Path) -> None:
+    shutil.copytree(good, tmp_path / 'robot1')
+    assert bad_bag(tmp_path).endswith(f'name those that it holds, such as {tmp_path / "robot1"}')
+
+
 @pytest.mark.parametrize('name', ['a.mcap', 'a.db3', 'a.bag', 'a.txt'])
 @pytest.mark.parametrize('content', [b'', b'garbage', bytes(range(256)) * 40])
 def test_foreign_file(tmp_path: Path, name: str, content: bytes) -> None:
@@ -213,6 +218,12 @@ def test_a_bag_that_is_none_beside_a_good_one(good: Path, tmp_path: Path,
                                               capsys: pytest.CaptureFixture) -> None:
     folder = cut(good, tmp_path / 'bag', 0.001)
     assert str(folder) in command(capsys, 'replay', good, folder, '--output', tmp_path / 'out')
+
+
+def test_a_folder_for_a_file_is_named_without_the_number_of_the_error(
+        good: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    said = command(capsys, 'replay', good, '--output', tmp_path / 'out', '--state', tmp_path)
+    assert said == f'somfusion replay: {tmp_path}: Is a directory\n'
 
 
 def test_output_that_is_a_file(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -4,11 +4,14 @@
 
 import os
 from pathlib import Path
+import signal
 import struct
 import subprocess
 import sys
+import time
 
-from helpers import ROOT
+from helpers import ROOT, write_fake_bag
+from pace import patient
 import pytest
 from somfusion_ros import __version__
 from somfusion_ros.cli.main import main
@@ -68,10 +71,55 @@ def test_parameter_file(tmp_path: Path) -> None:
     assert make(FusionConfig, values).estimation_confidence == 1
 
 
+def test_blocks_of_other_nodes_are_passed_over(tmp_path: Path) -> None:
+    """One file for all nodes of a robot, as Nav2 has it, serves the commands as well."""
+    path = tmp_path / 'nav2.yaml'
+    path.write_text('robot1:\n  amcl:\n    ros__parameters: {alpha1: 0.1}\n'
+                    '  slam_node:\n    ros__parameters: {resolution: 0.1}\n'
+                    '/**/fusion_node:\n  ros__parameters: {estimation_confidence: 0.8}\n')
+    assert read_parameters([path]) == {'resolution': 0.1, 'estimation_confidence': 0.8}
+
+
+def test_an_interrupt_is_one_line_also_while_a_command_is_being_imported(
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr('somfusion_ros.cli.main.parser', lambda: signal.raise_signal(stop))
+    for stop in (signal.SIGINT, signal.SIGTERM):
+        assert main([]) == 130
+        assert capsys.readouterr() == ('', 'somfusion: interrupted\n')
+    light = 'import sys, somfusion_ros.cli.main; sys.exit("numpy" in sys.modules)'
+    assert subprocess.run([sys.executable, '-c', light], check=False).returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('whole_group', [True, False], ids=['Ctrl-C', 'kill'])
+def test_an_interrupted_replay_leaves_one_line_and_no_process(whole_group: bool,
+                                                              tmp_path: Path) -> None:
+    for name in ('a', 'b'):
+        write_fake_bag(tmp_path / name)
+    process = subprocess.Popen(
+        [*COMMAND, 'replay', 'a', 'b', '--output', 'out', '--jobs', '2'], cwd=tmp_path,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env=ENVIRONMENT)
+    children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
+    begin = time.monotonic()
+    while len(children.read_text().split()) < 3 and patient(30.0, begin):   # and their tracker
+        time.sleep(0.01)
+    if whole_group:
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.terminate()
+    said = process.communicate(timeout=30)   # so long as a process lives, the pipe stays open
+    assert (process.returncode, *said) == (130, '', 'somfusion: interrupted\n')
+
+
 @pytest.mark.parametrize('text, message', [
     ('resolution: 0.1', 'not a ROS 2 parameter file'),
     ('- 1', 'not a ROS 2 parameter file'),
-    ('a: {ros__parameters: {resolutoin: 0.1}}', "no parameter 'resolutoin'"),
+    ('/**: {ros__parameters: {resolutoin: 0.1}}', "no parameter 'resolutoin'"),
+    ('/**: {ros__parameters: text}', 'not a ROS 2 parameter file'),
+    ('a: &a {b: *a}', 'not a ROS 2 parameter file'),
+    ('{}', 'not a ROS 2 parameter file'),
+    ('amcl: {ros__parameters: {alpha1: 0.1}}', 'no block .* only for amcl'),
 ])
 def test_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / 'bad.yaml'

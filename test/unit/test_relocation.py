@@ -8,6 +8,7 @@ from helpers import pose_error
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, compose, Pose
+from somfusion_ros.grid import Grid
 from somfusion_ros.simulation import drive, floor_plan
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import run_trial, SICK, simulate_trial, Trial
@@ -162,6 +163,12 @@ def test_a_robot_is_tracked_in_a_drawn_map(mapped: tuple[Checkpoint, Slam]) -> N
     steps = run(slam, trial(SECOND, -np.pi / 2, 6), IN_MAP)
     assert_found(slam, steps)
     assert slam.grid() is grid
+
+
+@pytest.mark.parametrize('resolution, reason', [(1000.0, 'too large'), (1e-6, 'no free space')])
+def test_a_map_in_which_no_robot_can_be_found_is_refused(resolution: float, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        grid_checkpoint(Grid(np.ones((50, 50), np.float32), resolution))
 
 
 def test_a_robot_that_leaves_the_map_and_comes_back_is_never_lost(

@@ -47,8 +47,10 @@ def resolve(path: Path) -> Path:
             return files[0]
         if files and len({split_name(file) for file in files}) == 1:
             return folder
+    held = sorted(file.parent for file in path.glob('*/metadata.yaml'))
+    hint = f'; name those that it holds, such as {held[0]}' if held else ''
     raise BagError(f'{path}: not a bag (no metadata.yaml, and no bag file, or files of several '
-                   'bags, in this folder)')
+                   f'bags, in this folder){hint}')
 
 
 def storage_files(folder: Path) -> list[Path]:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
+from somfusion_ros.io.bags.files import BagError, resolve
 from somfusion_ros.io.bags.topics import CLOUD, IMU, JOINTS, ODOMETRY, SCANS as LASERS
 
 SCANS = (*LASERS, CLOUD)
@@ -39,11 +40,12 @@ class Record(NamedTuple):
 
 
 def open_bag(path: str | Path) -> AnyReader:
-    """Make a reader for a rosbag1 or rosbag2 (sqlite3, mcap) bag, or a folder with `bag` in it."""
-    path = Path(path)
-    if (path / 'bag').exists() and not (path / 'metadata.yaml').exists():
-        path = path / 'bag'
-    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+    """
+    Make a reader for a rosbag1 or rosbag2 (sqlite3, mcap) bag, or a folder with `bag` in it.
+
+    BagError where there is none.
+    """
+    return AnyReader([resolve(Path(path))], default_typestore=get_typestore(Stores.ROS2_JAZZY))
 
 
 class Recording:
@@ -60,6 +62,8 @@ class Recording:
         try:
             self._reader = open_bag(path)
             self._reader.open()
+        except BagError:
+            raise
         except Exception as error:   # the library raises many kinds on a damaged file
             raise ValueError(f'{path}: not a readable bag ({error})') from error
         self._ros1 = None if self._reader.is2 else get_typestore(Stores.ROS1_NOETIC)

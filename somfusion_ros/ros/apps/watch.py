@@ -9,6 +9,7 @@ the team once.
 
 import argparse
 from functools import partial
+from pathlib import Path
 import sys
 import threading
 import time
@@ -119,6 +120,10 @@ def main(args: list[str] | None = None) -> int:
                         help="last name of the robots' map topics (default map)")
     parser.add_argument('--svg', metavar='FILE', help='also keep the last picture as SVG')
     options = parser.parse_args(plain_args(args))
+    if not 0.0 <= options.wait < float('inf'):
+        parser.error(f'--wait {options.wait} is no time in seconds')
+    if options.svg and not Path(options.svg).parent.is_dir():
+        parser.error(f'--svg {options.svg}: there is no such folder')
     return run(lambda stop: WatchNode(options, stop), args)
 
 

@@ -39,20 +39,23 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
     """
     Make a node, spin it until a signal or until it sets the stop event, and return a status.
 
-    A ValueError or a bad parameter while the node is made is a sentence and status 1.
+    A ValueError or a bad parameter while the node is made is a sentence and status 1, as are
+    arguments of ROS and parameter files that rclpy cannot read.
     """
     stop = threading.Event()
     _on_signals(leave)
     sys.setswitchinterval(SWITCH_INTERVAL)
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:   # RCLError, UnknownROSArgsError: rclpy exports neither
+        return _refuse(error)
     try:
         node = make_node(stop)
         if hasattr(node, 'begin'):
             node.begin(plain_args(args))
     except (ValueError, ParameterException) as error:
-        rclpy.logging.get_logger('somfusion_ros').fatal(str(error))
         rclpy.try_shutdown()
-        return 1
+        return _refuse(error)
     _forward_logging(node.get_logger())
     _on_signals(lambda *_: _stop_soon(stop))
     ended = _spin_until(node, stop)
@@ -62,6 +65,12 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
     if not ended:   # a worker is deep in numpy; nothing of it is needed any more
         leave(status=status)
     return status
+
+
+def _refuse(error: Exception) -> int:
+    """Say in one line why there is no node; return the exit status."""
+    rclpy.logging.get_logger('somfusion_ros').fatal(' '.join(str(error).split()))
+    return 1
 
 
 def _on_signals(handler: Callable[..., None]) -> None:
