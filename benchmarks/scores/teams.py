@@ -6,7 +6,7 @@ How right a replayed team's robots are placed relative to one another.
 The truth comes from the logs' reference.tum, which share one frame: each trajectory is aligned
 with its reference. Without any reference the walls say it: of one map's wall cells that fall on
 known cells of the other, the share within 0.10 m of a wall there. Where a team's map is elastic,
-the joint trajectories and maps are judged.
+the joint trajectories and maps are judged, and beside them the maps as they were laid rigidly.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,11 @@ GRACE = 0.05   # [s] by which a reference may lie outside the trajectory
 
 @dataclass(frozen=True)
 class TeamScore:
-    """Two robots of a team: verdict, errors [m], [rad] of the relative pose, share of walls."""
+    """
+    Two robots of a team: verdict, errors [m], [rad] of the relative pose, share of walls.
+
+    rigid: the share of walls where the robots' own maps are laid together rigidly.
+    """
 
     target: str
     source: str
@@ -38,6 +42,7 @@ class TeamScore:
     error: float = np.nan
     turn: float = np.nan
     walls: float = np.nan
+    rigid: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +51,14 @@ class Placed:
     One robot of a team, as it lies in `world` and as its reference has it.
 
     T_world_map; the map; the trajectory in the map, and where the reference knows it: poses (N, 3)
-    in the map, positions (N, 2) in the reference's frame.
+    in the map, positions (N, 2) in the reference's frame. T_world_own, own: the robot's own map,
+    laid rigidly; the same where the team's map is not elastic.
     """
 
     T_world_map: Array | None
     grid: Grid
+    T_world_own: Array | None
+    own: Grid
     poses: Array
     reference: Array
 
@@ -102,24 +110,26 @@ def _share(source: Grid, target: Grid, T_target_source: Array) -> float:
 
 def _placed(folder: Path, transform: dict[str, float] | None, log: Path) -> Placed:
     """Read what a replay wrote of one robot, the joint result where there is one."""
-    T_world_map = None if transform is None else np.asarray(Pose(**transform))
+    T_world_map = T_world_own = None if transform is None else np.asarray(Pose(**transform))
     joint = T_world_map is not None and (folder / 'joint.tum').exists()
     if joint:   # is drawn and driven in `world` itself
         T_world_map = np.zeros(3)
     stamps, poses = read_tum(folder / ('joint.tum' if joint else 'trajectory.tum'))
-    grid = read_map(folder / ('joint_map.yaml' if joint else 'map.yaml'))
+    own = read_map(folder / 'map.yaml')
+    grid = read_map(folder / 'joint_map.yaml') if joint else own
     when, truth = read_tum(log / 'reference.tum')
     inside = (when >= stamps[0] - GRACE) & (when <= stamps[-1] + GRACE)
     at = np.column_stack([np.interp(when[inside], stamps, axis)
                           for axis in (*poses[:, :2].T, np.unwrap(poses[:, 2]))])
-    return Placed(T_world_map, grid, at, truth[inside, :2])
+    return Placed(T_world_map, grid, T_world_own, own, at, truth[inside, :2])
 
 
 def _judge(a: str, b: str, target: Placed, source: Placed,
            pair: dict[str, float] | None) -> TeamScore:
     """Compare the relative pose of two maps with the references'."""
     probability = pair['probability'] if pair else np.nan
-    if target.T_world_map is None or source.T_world_map is None:
+    if (target.T_world_map is None or source.T_world_map is None
+            or target.T_world_own is None or source.T_world_own is None):
         return TeamScore(a, b, False, probability)
     found = between(target.T_world_map, source.T_world_map)
     T_reference_a, T_reference_b = (fit(one.poses[:, :2], one.reference)
@@ -129,4 +139,6 @@ def _judge(a: str, b: str, target: Placed, source: Placed,
     off = compose(found, middle) - compose(wanted, middle)
     return TeamScore(a, b, True, probability, float(np.hypot(*off[:2])),
                      float(abs(wrap(found[2] - wanted[2]))),
-                     walls_agree(target.grid, source.grid, found))
+                     walls_agree(target.grid, source.grid, found),
+                     walls_agree(target.own, source.own,
+                                 between(target.T_world_own, source.T_world_own)))

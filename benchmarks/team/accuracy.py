@@ -22,7 +22,8 @@ from somfusion_ros.offline.replay import replay, ReplayOptions
 def team_table(recorded: Sequence[RecordedTeam], out: Path) -> Table:
     """Replay teams; return verdict and errors of every pair of robots."""
     table = Table('team', ('team', 'pair', 'verdict', 'probability', 'error [m]', '[deg]',
-                           'walls within 0.10 m', 'right'), (None, None, None, 2, 2, 1, 3))
+                           'walls within 0.10 m: rigid', 'bent into one', 'right'),
+                  (None, None, None, 2, 2, 1, 3, 3))
     for team in recorded:
         replay([log / 'bag' for log in team.logs], out / team.name, ReplayOptions(pictures=False))
         for score in score_team(out / team.name, team.logs):
@@ -30,8 +31,8 @@ def team_table(recorded: Sequence[RecordedTeam], out: Path) -> Table:
             table.add(team.name, f'{score.target}, {score.source}',
                       'connected' if score.connected else 'refused', score.probability,
                       score.error if not team.strangers else None,
-                      float(np.degrees(score.turn)) if not team.strangers else None, score.walls,
-                      'yes' if right else 'no')
+                      float(np.degrees(score.turn)) if not team.strangers else None, score.rigid,
+                      score.walls, 'yes' if right else 'no')
     return table
 
 
