@@ -139,6 +139,8 @@ def size_of(thing: Any, seen: set[int]) -> int:
         parts = list(thing)
     elif hasattr(thing, '__dict__'):
         parts = [vars(thing)]
+    parts += [getattr(thing, name) for kind in type(thing).__mro__
+              for name in getattr(kind, '__slots__', ()) if hasattr(thing, name)]
     return size + sum(size_of(part, seen) for part in parts)
 
 

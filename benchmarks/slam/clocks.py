@@ -88,6 +88,11 @@ def late(by: float, in_: float) -> Clock:
     return arrives
 
 
+def always_late(by: float) -> Clock:
+    """Return when messages arrive that come late from the first on."""
+    return lambda t: t + by
+
+
 def lost(at: float, for_: float) -> Clock:
     """Return when messages arrive of which some never do."""
     return lambda t: np.inf if at <= t < at + for_ else t
@@ -157,6 +162,8 @@ def faults(turning: float) -> Iterator[Fault]:
             yield Fault(f'odometry at {share:g} of the speed{word}', same, rate(share, since))
             yield Fault(f'both at {share:g} of the speed{word}', rate(share, since),
                         rate(share, since))
+    for by in (1.5, 2.5, 4.0, 5.5, 7.0):
+        yield Fault(f'odometry late by {by:g} all the time', odometry_arrives=always_late(by))
     yield Fault('everything told twice', times=2)
     for off in (-20.0, -2.0, -0.5, -0.1, 0.1, 0.5, 2.0, 20.0):
         yield Fault(f'scans {off:+g} all the time', steps((0.0, off)))
@@ -219,6 +226,7 @@ def suffer(trial: Trial, fault: Fault) -> Fate:
         return Fate(len(trial.scans), np.inf, np.inf, np.inf, counts)
     stamps = np.array([trial.scans[tag].stamp for tag, _ in used])
     true = trial.truth(stamps)
+    true = between(true[0], true)     # the map begins with the first scan that is used
     told = np.array([step.pose for _, step in used]).reshape(-1, 3)
     off = np.hypot(*(told - true)[:, :2].T)
     way = np.hypot(*np.diff(true[:, :2], axis=0).T)

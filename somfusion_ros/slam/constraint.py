@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from somfusion_ros.geometry import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Constraint:
     """A measured pose z (3,) of view `second` seen from view `first`, with covariance R (3, 3)."""
 

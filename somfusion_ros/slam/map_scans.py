@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scans kept for the map: of every place the newest few, however long the robot drives."""
 
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ class MapScanTuning:
 TUNING = MapScanTuning()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class MapScan:
     """A scan kept for the map: the view it hangs on, T_view_base (3,), and what it saw."""
 
@@ -52,7 +52,7 @@ class MapScans:
 
     def __init__(self) -> None:
         self._scans: dict[MapScan, None] = {}
-        self._places: defaultdict[Place, deque[MapScan]] = defaultdict(deque)
+        self._places: defaultdict[Place, list[MapScan]] = defaultdict(list)
         self._taken: Counter[Place] = Counter()
         self.newest_at = np.zeros(3)     # pose in the map
 
@@ -70,7 +70,7 @@ class MapScans:
         here = self._places[place_of(pose)]
         here.append(scan)
         if len(here) > TUNING.kept:
-            del self._scans[here.popleft()]
+            del self._scans[here.pop(0)]
 
     def often(self, pose: Array) -> bool:
         """Return whether many scans were taken where a pose (3,) is."""
@@ -91,9 +91,7 @@ class MapScans:
         for scan in [scan for scan in self._scans if scan.view >= view]:
             del self._scans[scan]
         for here in self._places.values():
-            kept = [scan for scan in here if scan in self._scans]
-            here.clear()
-            here.extend(kept)
+            here[:] = [scan for scan in here if scan in self._scans]
 
     def copy(self) -> list[MapScan]:
         """Return the scans by age."""

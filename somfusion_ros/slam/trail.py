@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array
 
-MOST = 36_000    # scans; 1 hour at 10 Hz, 0.9 MB
+MOST = 24_000    # scans; 40 minutes at 10 Hz, 0.6 MB
 ROOM = 1024      # scans by which the arrays grow, at least
 
 
@@ -14,9 +14,9 @@ class Trail:
     """
     Rows of stamp [s], view, and T_view_base (3,), by age.
 
-    When there are MOST of them, every second of the older half is dropped: the newest half-hour
-    keeps every scan, older ones fewer and fewer, and memory is bounded. before: how many rows are
-    of an earlier run.
+    When there are MOST of them, every second of the older half is dropped: of the newest half
+    every scan is kept, of older ones fewer and fewer, and memory is bounded. before: how many
+    rows are of an earlier run.
     """
 
     def __init__(self, rows: Array | None = None) -> None:

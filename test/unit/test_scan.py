@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import apply, Pose
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.scan import cloud, Scan
 
 WALL = np.array([[2.0, -5.0, 2.0, 5.0]])
@@ -74,7 +75,23 @@ def test_no_return_frees_nothing_unless_it_is_infinite():
     nothing = cloud(scan_of([0.0] * 9), 30.0)
     beyond = cloud(scan_of([np.inf] * 9), 30.0)
     assert np.ptp(nothing.outline.rim, axis=0).max() == 0.0
-    assert np.hypot(*beyond.outline.rim.T).max() == pytest.approx(4.0)
+    assert np.hypot(*beyond.outline.rim.T).max() == pytest.approx(4.0, abs=3e-4)
+
+
+@given(st.lists(st.tuples(st.floats(0.05, 80.0), st.sampled_from(['hit', 'open', 'dark'])),
+                max_size=30), st.floats(-1.0, 1.0))
+def test_what_a_scan_saw_is_kept_to_less_than_its_noise_and_stays_as_it_is(beams, x):
+    reach = np.array([0.0 if kind == 'dark' else far for far, kind in beams])
+    hit = np.array([kind == 'hit' for _, kind in beams], bool)
+    ends = np.array([x, 0.0]) + reach[:, None] * (np.cos(0.3), np.sin(0.3))
+    kept = Outline(ends, reach, hit, np.array([x, 0.0]))
+    step = 2.0 ** -14 * max(1.0, np.abs(ends).max(initial=0.0), reach.max(initial=0.0))
+    assert np.abs(kept.ends - ends).max(initial=0.0) <= step
+    assert np.abs(kept.reach - reach).max(initial=0.0) <= step
+    assert np.array_equal(kept.hit, hit) and np.array_equal(kept.reach > 0.0, reach > 0.0)
+    again = Outline(kept.ends, kept.reach, kept.hit, kept.origin)     # as from a file
+    for part in ('ends', 'reach', 'hit', 'origin'):
+        assert np.array_equal(getattr(again, part), getattr(kept, part))
 
 
 def test_deskewing_undoes_a_turn_during_the_scan():

@@ -84,11 +84,12 @@ def test_pieces_of_any_kind_come_through(pieces: list[tuple[str, int, float]]) -
     kinds = np.array([kind for kind, size, _ in pieces for _ in range(size)], str)
     reach = np.array([0.0 if kind == 'd' else far for kind, size, far in pieces
                       for _ in range(size)])
-    gaps, values = corners_of(Outline(np.zeros((len(reach), 2)), reach, kinds == 'h'), 0.01)
+    outline = Outline(np.zeros((len(reach), 2)), reach, kinds == 'h')
+    gaps, values = corners_of(outline, 0.01)
     again, hit = follow(Corners(gaps, values), len(reach), 0.01)
     assert np.array_equal(hit, kinds == 'h')
     assert np.array_equal(again > 0.0, reach > 0.0)
-    assert np.abs(again - reach)[kinds == 'o'].max(initial=0.0) <= 0.51 * OUTLINE.step
+    assert np.abs(again - outline.reach)[kinds == 'o'].max(initial=0.0) <= 0.51 * OUTLINE.step
     assert np.abs(again - reach).max(initial=0.0) <= OUTLINE.along + OUTLINE.step
 
 
@@ -214,7 +215,8 @@ def test_a_path_comes_through_whole() -> None:
     assert [(r.first, r.second) for r in [*views.steps, *views.loops]] == [
         (r.first, r.second) for r in whole.constraints]
     told = {(scan.view, scan.stamp) for scan in views.between}
-    assert {(0, 0.25)} <= told < {(k, k + x) for k in range(6) for x in (0.25, 0.5)}
+    assert {(0, 0.25)} <= told < {(k, k + x) for k in range(6) for x in (0.25, 0.3, 0.5)}
+    assert not any((k, k + 0.25) in told and (k, k + 0.3) in told for k in range(6))
 
 
 def test_a_scan_is_told_only_where_it_shows_something_new() -> None:

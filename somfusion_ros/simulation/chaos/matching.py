@@ -9,6 +9,7 @@ The result is that of the real matcher, to the last bit.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from hashlib import blake2b
 from typing import Any
@@ -180,8 +181,8 @@ class Matching(Matchers):
 def _apart(views: Mapping[str, ViewSet]) -> dict[str, ViewSet]:
     """Return views of which no two robots share an outline: what is drawn is told apart by it."""
     return {name: replace(
-        one, clouds=[replace(cloud, outline=replace(cloud.outline)) for cloud in one.clouds],
-        between=[replace(scan, outline=replace(scan.outline)) for scan in one.between])
+        one, clouds=[replace(cloud, outline=copy(cloud.outline)) for cloud in one.clouds],
+        between=[replace(scan, outline=copy(scan.outline)) for scan in one.between])
         for name, one in views.items()}
 
 
