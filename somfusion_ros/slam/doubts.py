@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from somfusion_ros.slam import contradiction
 from somfusion_ros.slam.bridge import Bridge
 from somfusion_ros.slam.checkpoint import ViewGraph
+from somfusion_ros.slam.relocation_tuning import TUNING as RELOCATION
 from somfusion_ros.slam.view_tuning import TUNING
 
 BRIDGES = 4    # that are judged at a time
@@ -26,7 +27,7 @@ class Doubts:
         self._denials = 0     # views that deny old ones, with none between that agrees
         self._unconfirmed: deque[int] = deque(maxlen=contradiction.TUNING.taken_back)
         self._bridges: list[Bridge] = []    # by age
-        self._held: Bridge | None = None    # the last that was not denied
+        self._held: list[Bridge] = []       # those that were not denied
         self._weak = False    # whether a scan since the last view hardly fitted
 
     def follow(self, fits: bool) -> None:
@@ -63,7 +64,7 @@ class Doubts:
                 self.deny(bridge)
                 break
             self._bridges.remove(bridge)
-            self._held = bridge
+            self._held.append(bridge)
         return bool(told)
 
     def about(self, view: int) -> bool:
@@ -71,9 +72,17 @@ class Doubts:
         return bool(self._bridges) or self._denials > 0 or view in self._unconfirmed
 
     def take_held(self) -> Bridge | None:
-        """Return the last bridge that was not denied, once."""
-        held, self._held = self._held, None
-        return held
+        """
+        Return a bridge that was not denied, once.
+
+        None where there is none with as many views since as a search takes.
+        """
+        enough = self._graph.ekf.n - RELOCATION.views_least
+        due = [bridge for bridge in self._held if bridge.first <= enough]
+        if not due:
+            return None
+        self._held.remove(due[0])
+        return due[0]
 
     def take_back(self) -> bool:
         """
@@ -88,7 +97,7 @@ class Doubts:
         self._graph.scans.drop(first)
         self._graph.to_close.clear()
         self._bridges.clear()
-        self._held = None
+        self._held.clear()
         self._confirm()
         return True
 
@@ -98,7 +107,7 @@ class Doubts:
             return
         self._counters['bridges_denied'] += 1
         self._bridges.clear()
-        self._held = None
+        self._held.clear()
         self._denials = contradiction.TUNING.times
         self._unconfirmed.clear()
         self._unconfirmed.append(bridge.first)

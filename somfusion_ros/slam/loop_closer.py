@@ -41,20 +41,26 @@ class LoopCloser:
         self._relinearise()
         with self._lock:
             self.doubts.judge(new, new - self.config.loop_minimum_gap)
-        self._look_again()
+        while self._look_again():
+            continue
         return True
 
-    def _look_again(self) -> None:
-        """Deny a bridge that was not denied if what was seen since fits elsewhere in the map."""
+    def _look_again(self) -> bool:
+        """
+        Deny a bridge that was not denied if what was seen since fits elsewhere in the map.
+
+        Returns whether there was one.
+        """
         with self._lock:
             bridge, graph = self.doubts.take_held(), self.graph
             if bridge is None:
-                return
+                return False
             look = SecondLook(graph.ekf.poses.copy(), list(graph.clouds), graph.scans.copy(),
                               self.config.resolution)
         if look.elsewhere(bridge.first):
             with self._lock:
                 self.doubts.deny(bridge)
+        return True
 
     def _match_loops(self, new: int, targets: list[loops.Candidate], poses: Array) -> None:
         """Match a view against old places; update the filter by what is trusted."""

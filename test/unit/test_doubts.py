@@ -14,6 +14,7 @@ from somfusion_ros.slam.checkpoint import ViewGraph
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.doubts import Doubts
 from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.relocation_tuning import TUNING as RELOCATION
 from somfusion_ros.slam.scan import cloud
 from somfusion_ros.slam.view_tuning import TUNING as VIEWS
 
@@ -84,6 +85,23 @@ def test_a_bridge_that_is_not_judged_yet_hides_no_other() -> None:
         doubts.judge(new, new - 2 * KNOWN)
     assert doubts.take_back()
     assert KNOWN + 2 in graph.hidden
+
+
+def test_each_bridge_that_stays_is_looked_at_again_once_there_are_views_to_search_for() -> None:
+    graph = drive(np.zeros(3), 2)
+    doubts = Doubts(graph, Counter[str]())
+    for new in range(KNOWN, graph.ekf.n):
+        doubts.follow(new not in (KNOWN, KNOWN + 2))
+        doubts.add(new, range(KNOWN - 10, new))
+        doubts.judge(new, new - 2 * KNOWN)
+    for first in (KNOWN, KNOWN + 2):
+        while graph.ekf.n < first + RELOCATION.views_least:
+            assert doubts.take_held() is None, 'so few are not searched for'
+            n = graph.ekf.n
+            graph.add(Constraint(n - 1, n, STEP, R), graph.clouds[-1], float(n))
+        bridge = doubts.take_held()
+        assert bridge is not None and bridge.first == first
+    assert doubts.take_held() is None
 
 
 def test_a_bridge_that_was_taken_back_meanwhile_is_not_denied_again() -> None:
