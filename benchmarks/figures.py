@@ -8,7 +8,7 @@ usage: python -m benchmarks.figures [--data DIR] [--parts NAME ...] [--quick] [-
 Each part ends by writing its tables between their markers, with data, commit and machine, so that
 a long run can be stopped and gone on with. DIR is a folder of recorded data (DATASETS.md); without
 it, and without SOMFUSION_DATA or ../shared/data, the same tables come from simulated worlds.
---quick takes a few cases of each kind; --print writes nothing.
+--quick takes a few cases of each kind, and says so under the tables; --print writes nothing.
 """
 
 import argparse
@@ -151,14 +151,19 @@ def source_of(given: Path | None, quick: bool) -> Source:
     """Find the recorded data, or simulate some."""
     data = folders.data_folder(given)
     if data is not None:
-        return Source(data, 'Recorded data', quick)
+        return Source(data, named('Recorded data', quick), quick)
     if given is not None:
         raise SystemExit(f'{given}: holds no folder logs/ (see benchmarks/DATASETS.md)')
     data = RESULTS / 'simulated'
     if not (data / 'pairs' / 'manifest.csv').exists():
         print('no recorded data: simulating ...', file=sys.stderr, flush=True)
         simulated.make(data)
-    return Source(data, 'Simulated worlds', quick)
+    return Source(data, named('Simulated worlds', quick), quick)
+
+
+def named(data: str, quick: bool) -> str:
+    """Return what to call data under a table, so that a quick run is not taken for a whole one."""
+    return f'{data}, a few cases of each kind only' if quick else data
 
 
 def main() -> None:

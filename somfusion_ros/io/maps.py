@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
+from somfusion_ros.io.errors import InputError, reason_of
 from somfusion_ros.io.images import read_image, write_pgm
 import yaml
 
@@ -19,7 +20,7 @@ MODES = ('trinary', 'scale', 'raw')
 IMAGES = ('.pgm', '.png', '.bmp', '.jpg', '.jpeg', '.gif', '.tif', '.tiff')
 
 
-class MapError(ValueError):
+class MapError(InputError):
     """A saved map cannot be used; one line that names the file and what is wrong."""
 
 
@@ -54,7 +55,7 @@ def read_map(path: str | Path) -> Grid:
     try:
         shades, opaque = read_image(image)
     except (OSError, ValueError) as error:
-        raise MapError(f'{image}: {_one_line(error)}') from error
+        raise MapError(f'{image}: {reason_of(error)}') from error
     try:
         return Grid.from_occupancy(
             _cells(shades, opaque, fields)[::-1],   # the first row of an image is its highest y
@@ -63,7 +64,7 @@ def read_map(path: str | Path) -> Grid:
     except MapError:
         raise
     except (TypeError, ValueError) as error:
-        raise MapError(f'{path}: {_one_line(error)}') from error
+        raise MapError(f'{path}: {reason_of(error)}') from error
 
 
 def _origin(told: Sequence[Any]) -> tuple[float, ...]:
@@ -111,7 +112,7 @@ def _fields(path: Path) -> dict[str, Any]:
     try:
         fields = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise MapError(f'{path}: not readable ({_one_line(error)})') from error
+        raise MapError(f'{path}: not readable ({reason_of(error)})') from error
     if not isinstance(fields, dict):
         raise MapError(f'{path}: not a map_server YAML file (no key: value lines)')
     return fields
@@ -175,9 +176,3 @@ def _field(path: Path, fields: Mapping[str, Any], key: str) -> Any:
     if fields.get(key) is None:
         raise MapError(f'{path}: no {key!r} in the map_server YAML file')
     return fields[key]
-
-
-def _one_line(error: Exception) -> str:
-    """Return the reason of an error as one short line."""
-    text = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-    return text or type(error).__name__

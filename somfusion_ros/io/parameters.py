@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.io.maps import MapError
+from somfusion_ros.io.errors import InputError
 from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.team.config import TeamConfig
@@ -28,14 +28,14 @@ def read_parameters(paths: Iterable[str | Path]) -> dict[str, Any]:
     """
     Read ROS 2 parameter files (`config/slam.yaml`, `config/fusion.yaml`); later ones win.
 
-    Blocks of other nodes, as Nav2's files have them, are passed over. MapError, with one line,
+    Blocks of other nodes, as Nav2's files have them, are passed over. InputError, with one line,
     where a file is none, is for other nodes only, or names a parameter that does not exist.
     """
     values: dict[str, Any] = {}
     for path in paths:
         for name, value in _parameters(Path(path)).items():
             if name not in KNOWN and name != 'use_sim_time':
-                raise MapError(f'{path}: there is no parameter {name!r}')
+                raise InputError(f'{path}: there is no parameter {name!r}')
             values[name] = value
     return values
 
@@ -47,8 +47,8 @@ def make(config: type[Config], values: Mapping[str, Any], **more: Any) -> Config
     for name, value in chosen.items():
         number = isinstance(own[name], float) and isinstance(value, int)
         if not number and not isinstance(value, type(own[name])):
-            raise MapError(f'parameter {name} = {value!r} must be of type '
-                           f'{type(own[name]).__name__}')
+            raise InputError(f'parameter {name} = {value!r} must be of type '
+                             f'{type(own[name]).__name__}')
     return config(**chosen)
 
 
@@ -61,13 +61,13 @@ def _parameters(path: Path) -> dict[str, Any]:
         for block in own:
             found |= block or {}
     except OSError as error:
-        raise MapError(f'{path}: {error.strerror}') from error
+        raise InputError(f'{path}: {error.strerror}') from error
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError,
             yaml.YAMLError) as error:
-        raise MapError(f'{path}: not a ROS 2 parameter file') from error
+        raise InputError(f'{path}: not a ROS 2 parameter file') from error
     if not own:
-        raise MapError(f'{path}: has no block for {" or ".join(OWN)}, only for '
-                       f'{", ".join(node for node, _ in blocks)}')
+        raise InputError(f'{path}: has no block for {" or ".join(OWN)}, only for '
+                         f'{", ".join(node for node, _ in blocks)}')
     return found
 
 

@@ -13,7 +13,8 @@ import zipfile
 import numpy as np
 from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import Grid, MAX_CELLS
-from somfusion_ros.io.maps import MapError, write_map
+from somfusion_ros.io.errors import InputError
+from somfusion_ros.io.maps import write_map
 
 if TYPE_CHECKING:
     from somfusion_ros.team.bond import Bond
@@ -93,16 +94,16 @@ def write_result(folder: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_result(folder: Path) -> dict[str, Any]:
-    """Read result.json; MapError where the folder holds no result."""
+    """Read result.json; InputError where the folder holds no result."""
     path = folder / RESULT
     try:
         record: dict[str, Any] = json.loads(path.read_text())
         if not isinstance(record['robots'], dict) or not isinstance(record['pairs'], list):
             raise KeyError('robots')
     except OSError as error:
-        raise MapError(f'{path}: {error.strerror}') from error
+        raise InputError(f'{path}: {error.strerror}') from error
     except (ValueError, KeyError, TypeError) as error:
-        raise MapError(f'{path}: not a result of replay or merge') from error
+        raise InputError(f'{path}: not a result of replay or merge') from error
     return record
 
 
@@ -122,9 +123,9 @@ def read_evidence(folder: Path) -> Grid:
             return Grid(data['evidence'], float(data['resolution']),
                         Pose.from_array(data['origin']))
     except OSError as error:
-        raise MapError(f'{path}: {error.strerror or "not readable"}') from error
+        raise InputError(f'{path}: {error.strerror or "not readable"}') from error
     except Exception as error:   # numpy and zipfile raise many kinds on a damaged file
-        raise MapError(f'{path}: damaged ({shorten(str(error), SAID)})') from error
+        raise InputError(f'{path}: damaged ({shorten(str(error), SAID)})') from error
 
 
 def _check_cells(path: Path) -> None:
@@ -137,12 +138,12 @@ def _check_cells(path: Path) -> None:
 
 
 def make_folder(path: str | Path) -> Path:
-    """Make an output folder; MapError where that is not possible."""
+    """Make an output folder; InputError where that is not possible."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise MapError(f'{folder}: cannot be the output folder ({error.strerror})') from error
+        raise InputError(f'{folder}: cannot be the output folder ({error.strerror})') from error
     return folder
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from somfusion_ros.grid import Grid
-from somfusion_ros.io.maps import MapError, read_map
+from somfusion_ros.io.errors import InputError
+from somfusion_ros.io.maps import read_map
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import load_checkpoint
 from somfusion_ros.slam.grid_views import grid_checkpoint
@@ -35,19 +36,19 @@ def from_map(path: str | Path) -> Beginning:
     """
     Return how to localise in a map: map.yaml as map_server has it, or a state file.
 
-    Raises MapError, with one line, where it cannot be used.
+    Raises InputError, with one line, where it cannot be used.
     """
     try:
         if Path(path).suffix.lower() not in DRAWN:
             return Beginning(_load(path), Start(anywhere=True, localization=True))
     except FileNotFoundError:
-        raise MapError(f'{path} does not exist') from None
+        raise InputError(f'{path} does not exist') from None
     try:
         return from_grid(read_map(path))
-    except MapError:
+    except InputError:
         raise
     except ValueError as error:
-        raise MapError(f'{path}: {error}') from error
+        raise InputError(f'{path}: {error}') from error
 
 
 def from_grid(grid: Grid) -> Beginning:
@@ -56,8 +57,8 @@ def from_grid(grid: Grid) -> Beginning:
 
 
 def _load(path: str | Path) -> Checkpoint:
-    """Read a state file; OSError where it cannot be read, MapError where it holds no state."""
+    """Read a state file; OSError where it cannot be read, InputError where it holds no state."""
     try:
         return load_checkpoint(path)
     except ValueError as error:
-        raise MapError(str(error)) from error
+        raise InputError(str(error)) from error

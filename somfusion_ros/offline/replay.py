@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from somfusion_ros import __version__
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.io.bags.log import BagError, BagOptions, Log, open_log, robots_in
+from somfusion_ros.io.bags.log import BagOptions, Log, open_log, robots_in
 from somfusion_ros.io.console import complain, say
-from somfusion_ros.io.maps import MapError, write_map
+from somfusion_ros.io.errors import InputError, reason_of
+from somfusion_ros.io.maps import write_map
 from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
 from somfusion_ros.io.trajectories import write_tum
 from somfusion_ros.offline.beginning import Beginning, from_map, from_state
@@ -73,7 +74,7 @@ def replay(bags: Sequence[str | Path], output: str | Path,
 
     Raises
     ------
-    BagError, MapError
+    InputError
         In one line, where a bag or the folder cannot be used.
 
     Examples
@@ -164,20 +165,20 @@ def _beginning(options: ReplayOptions, bags: int) -> Beginning | None:
     if options.state is None and options.localize is None:
         return None
     if bags > 1:
-        raise BagError('a state, or a map to localise in, is for one robot: give one bag')
+        raise InputError('a state, or a map to localise in, is for one robot: give one bag')
     if options.localize is not None:
         return from_map(options.localize)
     return None if options.state is None else from_state(options.state)
 
 
 def _save_state(path: Path, run: RobotRun) -> None:
-    """Write the state of a run; MapError where the disk does not take it."""
+    """Write the state of a run; InputError where the disk does not take it."""
     if run.checkpoint is None:
         return
     try:
         save_checkpoint(path, run.checkpoint)
     except OSError as error:
-        raise MapError(f'{path}: {error.strerror or error}') from error
+        raise InputError(f'{path}: {reason_of(error)}') from error
 
 
 def found_record(run: RobotRun, beginning: Beginning) -> dict[str, Any]:

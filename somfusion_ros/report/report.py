@@ -15,7 +15,7 @@ from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.io.console import progress_bar, say
-from somfusion_ros.io.maps import MapError
+from somfusion_ros.io.errors import InputError, reason_of
 from somfusion_ros.io.parameters import make
 from somfusion_ros.io.result import read_evidence, read_result
 from somfusion_ros.io.trajectories import read_tum
@@ -62,7 +62,7 @@ GLANCE: list[Panel] = [pair_figures.draw_fused, pair_figures.draw_agreement,
 
 
 def report(folder: str | Path) -> Path:
-    """Draw the report of a folder of replay or merge; MapError if it holds no result."""
+    """Draw the report of a folder of replay or merge; InputError if it holds no result."""
     from somfusion_ros.fusion.alignment import trace
     folder = Path(folder)
     record = read_result(folder)
@@ -164,4 +164,4 @@ def _path(folder: Path) -> Array:
     try:
         return read_tum(path)[1]
     except (OSError, ValueError) as error:
-        raise MapError(f'{path}: not a TUM trajectory ({" ".join(str(error).split())})') from error
+        raise InputError(f'{path}: not a TUM trajectory ({reason_of(error)})') from error

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from somfusion_ros.geometry import Array, between, Pose
-from somfusion_ros.io.bags.log import BagError
 from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.io.console import progress_bar, say
+from somfusion_ros.io.errors import InputError
 from somfusion_ros.io.result import make_folder, pose_record
 from somfusion_ros.io.trajectories import write_tum
 from somfusion_ros.simulation import drive
@@ -78,7 +78,7 @@ def simulate(output: str | Path, options: SimulationOptions | None = None) -> di
 
     Raises
     ------
-    BagError
+    InputError
         If a folder of a robot exists that no simulation wrote.
     ValueError
         If an option leaves its range.
@@ -170,5 +170,5 @@ def _clear(folder: Path, names: list[str]) -> None:
         if not (folder / name).exists():
             continue
         if not (folder / TRUTH).exists():
-            raise BagError(f'{folder / name}: exists and is not from an earlier simulation')
+            raise InputError(f'{folder / name}: exists and is not from an earlier simulation')
         shutil.rmtree(folder / name)

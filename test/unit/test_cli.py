@@ -16,7 +16,7 @@ import pytest
 from somfusion_ros import __version__
 from somfusion_ros.cli.main import main
 from somfusion_ros.fusion.config import FusionConfig
-from somfusion_ros.io.maps import MapError
+from somfusion_ros.io.errors import InputError
 from somfusion_ros.io.parameters import make, read_parameters
 from somfusion_ros.slam.config import SlamConfig
 
@@ -124,7 +124,7 @@ def test_an_interrupted_replay_leaves_one_line_and_no_process(whole_group: bool,
 def test_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / 'bad.yaml'
     path.write_text(text)
-    with pytest.raises(MapError, match=message) as error:
+    with pytest.raises(InputError, match=message) as error:
         read_parameters([path])
     assert str(path) in str(error.value)
 

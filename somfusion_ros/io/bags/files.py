@@ -9,6 +9,8 @@ import shutil
 import sys
 from typing import Any
 
+from somfusion_ros.io.errors import InputError
+
 if sys.version_info >= (3, 14):
     from compression import zstd
 else:
@@ -20,7 +22,7 @@ ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 MOST_UNPACKED = 64 * 2 ** 20   # [bytes] of one message
 
 
-class BagError(ValueError):
+class BagError(InputError):
     """A bag cannot be used; one line that names it and what is wrong."""
 
 

@@ -12,6 +12,7 @@ from rosbags.typesys import get_typestore, Stores
 from somfusion_ros.io.bags.cut_mcap import CutMcap
 from somfusion_ros.io.bags.files import (BagError, resolve, storage_files, unpacked,
                                          unpacked_message)
+from somfusion_ros.io.errors import reason_of
 
 __all__ = ['BagError', 'BagReader']
 REMEDIES = {'.mcap': 'mcap recover', '.db3': 'ros2 bag reindex, or sqlite3 .recover',
@@ -40,16 +41,16 @@ class BagReader:
             try:
                 self._reader = way()
                 if way == self._open_cut:
-                    self._note(f'cut off ({_one_line(errors[-1])}): it is read as far as it goes; '
+                    self._note(f'cut off ({reason_of(errors[-1])}): it is read as far as it goes; '
                                f'{self._remedy()} may bring more')
                 elif errors:
-                    self._note(f'metadata.yaml cannot be used ({_one_line(errors[0])}): the files '
+                    self._note(f'metadata.yaml cannot be used ({reason_of(errors[0])}): the files '
                                'beside it are read')
                 return self
             except Exception as error:   # the library raises many kinds on a damaged file
                 errors.append(error)
         self.__exit__()
-        raise self.error(f'not a readable bag ({_one_line(errors[0])}); '
+        raise self.error(f'not a readable bag ({reason_of(errors[0])}); '
                          f'{self._remedy()} may help') from errors[0]
 
     def __exit__(self, *_: object) -> None:
@@ -98,9 +99,9 @@ class BagReader:
                 return
             except Exception as error:   # the library raises many kinds on a damaged file
                 if not read:
-                    raise self.error(f'damaged or truncated ({_one_line(error)}); '
+                    raise self.error(f'damaged or truncated ({reason_of(error)}); '
                                      f'{self._remedy()} may help') from error
-                self._note(f'read up to where it is damaged or truncated ({_one_line(error)}); '
+                self._note(f'read up to where it is damaged or truncated ({reason_of(error)}); '
                            f'{self._remedy()} may bring more')
                 return
             read += 1
@@ -158,9 +159,3 @@ def _opened(paths: list[Path]) -> AnyReader:
     reader = AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_JAZZY))
     reader.open()
     return reader
-
-
-def _one_line(error: Exception) -> str:
-    """Return the reason of an error as one short line."""
-    text = ' '.join(str(error).split()) or type(error).__name__
-    return text if len(text) <= 160 else text[:157] + '...'

@@ -23,7 +23,7 @@ from rclpy.node import Node
 from somfusion_ros.grid import MAX_CELLS
 from somfusion_ros.io.result import write_robot_map
 from somfusion_ros.io.trajectories import write_tum
-from somfusion_ros.ros.common import qos
+from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import (grid_from_message, pose_from_message, seconds,
                                                   transform_from_message)
 from somfusion_ros.ros.common.runtime import plain_args, run
@@ -45,20 +45,21 @@ class RecorderNode(Node):
         self._status: dict[str, Any] = {'robots': {}, 'diagnostics': {}}
         for robot in options.robots:
             self._hear(robot)
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.STREAM)
+        self.create_subscription(DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics,
+                                 qos.STREAM)
         self.create_timer(PERIOD, self._write_status)
 
     def _hear(self, robot: str) -> None:
         """Subscribe to one robot's results."""
         self._status['robots'][robot] = {'maps': {}, 'transforms': {}, 'first_pose': None}
-        for topic in ('map', 'global_map'):
+        for topic in (names.MAP, names.GLOBAL_MAP):
             self.create_subscription(OccupancyGrid, f'/{robot}/{topic}',
                                      partial(self._on_map, robot, topic), qos.LATCHED)
-        self.create_subscription(PathMessage, f'/{robot}/path', partial(self._on_path, robot),
-                                 qos.LATEST)
-        self.create_subscription(TransformStamped, f'/{robot}/relative_transforms',
+        self.create_subscription(PathMessage, f'/{robot}/{names.PATH}',
+                                 partial(self._on_path, robot), qos.LATEST)
+        self.create_subscription(TransformStamped, f'/{robot}/{names.RELATIVE_TRANSFORMS}',
                                  partial(self._on_transform, robot), qos.LATCHED_PER_PAIR)
-        self.create_subscription(PoseWithCovarianceStamped, f'/{robot}/pose',
+        self.create_subscription(PoseWithCovarianceStamped, f'/{robot}/{names.ROBOT_POSE}',
                                  partial(self._on_pose, robot), qos.STREAM)
 
     def _on_map(self, robot: str, topic: str, message: OccupancyGrid) -> None:

@@ -50,7 +50,8 @@ class WatchNode(Node):
                                                   auto_refresh=False)
         if self._live:
             self._live.start()
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.STREAM)
+        self.create_subscription(DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics,
+                                 qos.STREAM)
         self.create_timer(PERIOD, self._draw)
 
     def close(self, timeout: float) -> bool:
@@ -83,9 +84,9 @@ class WatchNode(Node):
         """Subscribe to one robot."""
         self.create_subscription(OccupancyGrid, f'/{robot}/{self._options.map_topic}',
                                  partial(self._on_map, robot), qos.LATCHED)
-        self.create_subscription(TransformStamped, f'/{robot}/relative_transforms',
+        self.create_subscription(TransformStamped, f'/{robot}/{names.RELATIVE_TRANSFORMS}',
                                  partial(self._on_transform, robot), qos.LATCHED_PER_PAIR)
-        self.create_subscription(PoseWithCovarianceStamped, f'/{robot}/pose',
+        self.create_subscription(PoseWithCovarianceStamped, f'/{robot}/{names.ROBOT_POSE}',
                                  partial(self._on_pose, robot), qos.STREAM)
 
     def _on_map(self, robot: str, message: OccupancyGrid) -> None:
@@ -116,7 +117,7 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--once', action='store_true', help='show the team once and end')
     parser.add_argument('--wait', type=float, default=5.0, metavar='S',
                         help='with --once: how long to listen [s] (default 5)')
-    parser.add_argument('--map-topic', default='map', metavar='NAME',
+    parser.add_argument('--map-topic', default=names.MAP, metavar='NAME',
                         help="last name of the robots' map topics (default map)")
     parser.add_argument('--svg', metavar='FILE', help='also keep the last picture as SVG')
     options = parser.parse_args(plain_args(args))
