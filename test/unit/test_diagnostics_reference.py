@@ -14,7 +14,8 @@ REFERENCE = (ROOT / 'doc' / 'diagnostics.md').read_text(encoding='utf-8')
 LISTED = {name for row in re.findall(r'^\| (`.*?) \|', REFERENCE, re.MULTILINE)
           for name in re.findall(r'`(\w+)`', row)}
 # A name that is counted or refused under, alone or with a robot's name in it; a key of a status.
-COUNTED = (r"(?:count\(|counters\[)\s*f?'([a-z]\w*(?:\{[\w.]+\})?\w*)'", r"return '((?:scan|odometry)_\w+)'",
+COUNTED = (r"(?:count\(|counters\[)\s*f?'([a-z]\w*(?:\{[\w.]+\})?\w*)'",
+           r"return '((?:scan|odometry)_\w+)'",
            r"'(seconds_without_\w+)'", r"^    '([a-z_]+)': '(?:a scan|the odometry|it is)")
 VALUES = r"'(\w+)': (?:heard|now|sum|snapshot|verdict|connected|rival|last|\(last|sigma|1e3)"
 
