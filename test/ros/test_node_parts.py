@@ -5,11 +5,12 @@
 from dataclasses import replace
 import logging
 from pathlib import Path
+import shutil
 import sys
 from types import SimpleNamespace
 from typing import Any
 
-from helpers import fake_grid, fake_room, need_data, need_ros
+from helpers import fake_grid, fake_room, need_data, need_ros, write_fake_bag
 import numpy as np
 import pytest
 from somfusion_ros.fusion.config import FusionConfig
@@ -283,6 +284,24 @@ def test_the_player_plays_clouds_where_there_are_no_scans_and_refuses_a_bag_of_n
     recording.close()
     with pytest.raises(ValueError, match='no laser scans to play'):
         Recording(tmp_path / 'none')
+
+
+def test_the_player_plays_what_can_be_read_of_a_bag_that_is_spoilt(tmp_path: Path) -> None:
+    write_fake_bag(tmp_path / 'good', every=4)
+    whole = list(Recording(tmp_path / 'good').records())
+    for name in ('metadata', 'cut'):
+        shutil.copytree(tmp_path / 'good', tmp_path / name)
+    (tmp_path / 'metadata' / 'metadata.yaml').write_text('storage_identifier:')
+    file = next((tmp_path / 'cut').glob('*.mcap'))
+    file.write_bytes(file.read_bytes()[:-file.stat().st_size // 2])
+    (tmp_path / 'cut' / 'metadata.yaml').unlink()
+    recording, cut = Recording(tmp_path / 'metadata'), Recording(tmp_path / 'cut')
+    assert list(recording.records()) == whole
+    assert 'metadata.yaml cannot be used' in recording.notes[0]
+    played = list(cut.records())
+    assert played == whole[:len(played)]
+    assert 10 < len(played) < len(whole)
+    assert 'cut off' in cut.notes[0]
 
 
 def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,6 +50,7 @@ class CutMcap:
             counts[channel] += 1
             first, last = min(first, stamp), max(last, stamp)
         self.connections = [Topic(*channel, count) for channel, count in counts.items()]
+        self.start_time, self.end_time = first, last
         self.duration = max(last - first, 0)
 
     def close(self) -> None:

@@ -85,8 +85,30 @@ class BagReader:
         """Count the messages of a topic."""
         return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
 
+    @property
+    def span(self) -> tuple[int, int]:
+        """Times of recording [ns] of the first and the last message."""
+        return self._reader.start_time, self._reader.end_time
+
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, float, Any]]:
         """Yield topic, time of recording [s] and message of these topics, up to any damage."""
+        def deserialized(raw: bytes, msgtype: str) -> Any:
+            return self._reader.deserialize(raw, msgtype)
+        for connection, nanoseconds, message in self._read(topics, deserialized):
+            yield connection.topic, nanoseconds * 1e-9, message
+
+    def serialized(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield type, time of recording [ns] and CDR bytes of these topics, up to any damage."""
+        ros1 = None if getattr(self._reader, 'is2', True) else get_typestore(Stores.ROS1_NOETIC)
+
+        def cdr(raw: bytes, msgtype: str) -> bytes:
+            return bytes(ros1.ros1_to_cdr(raw, msgtype) if ros1 else raw)
+        for connection, nanoseconds, data in self._read(topics, cdr):
+            yield connection.msgtype, nanoseconds, data
+
+    def _read(self, topics: Collection[str], make: Callable[[bytes, str], Any]
+              ) -> Iterator[tuple[Any, int, Any]]:
+        """Yield connection, time [ns] and what is made of bytes and type, up to any damage."""
         connections = [c for c in self._reader.connections if c.topic in topics]
         if not connections:
             return
@@ -94,7 +116,7 @@ class BagReader:
         while True:
             try:
                 connection, nanoseconds, raw = next(source)
-                message = self._reader.deserialize(unpacked_message(raw), connection.msgtype)
+                message = make(unpacked_message(raw), connection.msgtype)
             except StopIteration:
                 return
             except Exception as error:   # the library raises many kinds on a damaged file
@@ -105,7 +127,7 @@ class BagReader:
                            f'{self._remedy()} may bring more')
                 return
             read += 1
-            yield connection.topic, nanoseconds * 1e-9, message
+            yield connection, nanoseconds, message
 
     def first(self, topic: str) -> Any:
         """Return the first message of a topic."""

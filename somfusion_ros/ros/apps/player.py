@@ -88,6 +88,8 @@ class PlayerNode(Node):
         self._options, self._stop = options, stop
         self._recordings = [Recording(bag) for bag in options.bags]
         align(self._recordings)
+        self._said: set[str] = set()
+        self._say_notes()
         tf = message_type('tf2_msgs.msg', 'TFMessage')
         if tf is None:
             self.get_logger().info('tf2_msgs is not there: no transforms are played')
@@ -106,6 +108,13 @@ class PlayerNode(Node):
             recording.close()
         return not self._thread.is_alive()
 
+    def _say_notes(self) -> None:
+        """Say what was mended in the bags so far, each once."""
+        for note in (note for recording in self._recordings for note in recording.notes):
+            if note not in self._said:
+                self._said.add(note)
+                self.get_logger().warning(note)
+
     def _play(self) -> None:
         """Publish every message at its time."""
         try:
@@ -118,6 +127,7 @@ class PlayerNode(Node):
                 self._robots[number].publish(record)
             for robot in self._robots:
                 robot.finish()
+            self._say_notes()
             self.get_logger().info(f'played {", ".join(map(str, self._options.bags))} in '
                                    f'{time.monotonic() - start:.1f} s')
         except Exception as error:   # the library raises many kinds on a damaged file

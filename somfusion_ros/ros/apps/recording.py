@@ -15,11 +15,9 @@ import heapq
 from itertools import repeat
 from pathlib import Path
 import struct
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import get_typestore, Stores
-from somfusion_ros.io.bags.files import BagError, resolve
+from somfusion_ros.io.bags.reader import BagReader
 from somfusion_ros.io.bags.topics import CLOUD, IMU, JOINTS, ODOMETRY, SCANS as LASERS
 
 SCANS = (*LASERS, CLOUD)
@@ -39,79 +37,60 @@ class Record(NamedTuple):
     data: bytes
 
 
-def open_bag(path: str | Path) -> AnyReader:
-    """
-    Make a reader for a rosbag1 or rosbag2 (sqlite3, mcap) bag, or a folder with `bag` in it.
-
-    BagError where there is none.
-    """
-    return AnyReader([resolve(Path(path))], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-
-
 class Recording:
     """
     One robot's bag, opened; ValueError with a sentence where it cannot be played.
 
     msgtypes: what it holds of what is played; scans: that of the scans; start, end: of the
-    recording [ns]; shift [ns] is added to all times.
+    recording [ns]; shift [ns] is added to all times; notes: sentences on what was mended.
     """
 
     def __init__(self, path: str | Path) -> None:
         self._path = path
         self.shift = 0
-        try:
-            self._reader = open_bag(path)
-            self._reader.open()
-        except BagError:
-            raise
-        except Exception as error:   # the library raises many kinds on a damaged file
-            raise ValueError(f'{path}: not a readable bag ({error})') from error
-        self._ros1 = None if self._reader.is2 else get_typestore(Stores.ROS1_NOETIC)
-        held = {c.msgtype for c in self._reader.connections}
-        scans = next((kind for kind in SCANS if kind in held), None)
+        self._bag = BagReader(path)
+        self._bag.__enter__()
+        self._types = self._bag.types()
+        scans = next((kind for kind in SCANS if kind in self._types.values()), None)
         if scans is None:
             raise ValueError(f'{path}: no laser scans to play (none of {", ".join(SCANS)})')
         self.scans: str = scans
-        self._connections = [c for kind in (scans, ODOMETRY, JOINTS, IMU, TRANSFORMS)
-                             for c in self._choose(kind)]
-        self.msgtypes = {c.msgtype for c in self._connections}
-        self.start, self.end = self._reader.start_time, self._reader.end_time
+        self._topics = {topic: kind for kind in (scans, ODOMETRY, JOINTS, IMU, TRANSFORMS)
+                        for topic in self._choose(kind)}
+        self.msgtypes = set(self._topics.values())
+        self.start, self.end = self._bag.span
+        self.notes = self._bag.notes
 
     def close(self) -> None:
         """Close the bag."""
-        self._reader.close()
+        self._bag.__exit__()
 
     def records(self) -> Iterator[Record]:
         """Yield the played messages in the order of recording, at shifted times."""
         lag = self._clock_difference()
-        if self._connections:
-            for connection, time, raw in self._reader.messages(connections=self._connections):
-                data = bytes(self._ros1.ros1_to_cdr(raw, connection.msgtype)
-                             if self._ros1 else raw)
-                if connection.msgtype != TRANSFORMS and self.shift - lag:
-                    data = restamped(data, self.shift - lag)
-                yield Record(time + self.shift, connection.msgtype, data)
+        for msgtype, time, data in self._bag.serialized(self._topics):
+            if msgtype != TRANSFORMS and self.shift - lag:
+                data = restamped(data, self.shift - lag)
+            yield Record(time + self.shift, msgtype, data)
 
-    def _choose(self, msgtype: str) -> list[Any]:
+    def _choose(self, msgtype: str) -> list[str]:
         """Choose the topic of a type; of the transforms only those that never change."""
-        found = [c for c in self._reader.connections if c.msgtype == msgtype]
+        topics = sorted(topic for topic, kind in self._types.items() if kind == msgtype)
         if msgtype == TRANSFORMS:
-            return [c for c in found if c.topic.endswith('tf_static')]
-        topics = sorted({c.topic for c in found})
+            return [topic for topic in topics if topic.endswith('tf_static')]
         if msgtype == IMU:
-            return found if len(topics) == 1 else []   # which of several is the robot's?
+            return topics if len(topics) == 1 else []   # which of several is the robot's?
         named = [t for t in topics if t.rpartition('/')[2] == USUAL_NAMES[msgtype]]
         chosen = next((few for few in (topics, named) if len(few) == 1), [])
         if topics and not chosen:
             raise ValueError(f'{self._path}: which of {", ".join(topics)} is to be played as '
                              f'{USUAL_NAMES[msgtype]}? Leave one of them in the bag')
-        return [c for c in found if c.topic in chosen]
+        return chosen
 
     def _clock_difference(self) -> int:
         """Return the stamps minus times of recording [ns]; 0 where both are of one clock."""
-        scans = [c for c in self._connections if c.msgtype == self.scans]
-        for connection, time, raw in self._reader.messages(connections=scans) if scans else ():
-            data = bytes(self._ros1.ros1_to_cdr(raw, connection.msgtype) if self._ros1 else raw)
+        scans = [topic for topic, kind in self._topics.items() if kind == self.scans]
+        for _, time, data in self._bag.serialized(scans):
             seconds, nanoseconds = STAMP.unpack_from(data, STAMP_OFFSET)
             difference = seconds * 10 ** 9 + nanoseconds - time
             return difference if abs(difference) > CLOCKS_AGREE else 0
