@@ -12,6 +12,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import get_typestore, Stores
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.io.bags.log import BagError, BagOptions, Log, open_log
+from somfusion_ros.io.bags.reader import BagReader
 from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Scan
@@ -117,6 +118,19 @@ def test_reads_rosbag1(tmp_path: Path) -> None:
     assert [scan.stamp for scan in scans(log)] == [10.0, 11.0, 12.0, 13.0, 14.0]
     assert odometry(log)[2].pose == pytest.approx([2.0, 0.0, 0.0])
     assert 'laser is taken to sit in base_link' in log.notes[0]
+
+
+def test_messages_of_rosbag1_come_as_those_of_ros_2(tmp_path: Path) -> None:
+    """A header of ROS 1 has a number more; some converters leave it out of their definitions."""
+    write_rosbag1(tmp_path / 'log.bag', range(5))
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with BagReader(tmp_path / 'log.bag') as bag:
+        played = list(bag.serialized({'/base_scan'}))
+        assert bag.span == (10 * 10 ** 9, 14 * 10 ** 9 + 1)
+    assert [time for _, time, _ in played] == [n * 10 ** 9 for n in range(10, 15)]
+    scan = store.deserialize_cdr(played[3][2], played[3][0])
+    assert (scan.header.stamp.sec, scan.header.frame_id) == (13, '/laser')
+    assert np.array_equal(scan.ranges, RANGES.astype(np.float32))
 
 
 def test_a_split_rosbag1_is_one_log(tmp_path: Path) -> None:

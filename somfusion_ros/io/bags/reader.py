@@ -99,10 +99,12 @@ class BagReader:
 
     def serialized(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """Yield type, time of recording [ns] and CDR bytes of these topics, up to any damage."""
-        ros1 = None if getattr(self._reader, 'is2', True) else get_typestore(Stores.ROS1_NOETIC)
+        store = None if getattr(self._reader, 'is2', True) else get_typestore(Stores.ROS2_JAZZY)
 
         def cdr(raw: bytes, msgtype: str) -> bytes:
-            return bytes(ros1.ros1_to_cdr(raw, msgtype) if ros1 else raw)
+            if store is None:
+                return bytes(raw)
+            return bytes(store.serialize_cdr(self._reader.deserialize(raw, msgtype), msgtype))
         for connection, nanoseconds, data in self._read(topics, cdr):
             yield connection.msgtype, nanoseconds, data
 
