@@ -20,13 +20,12 @@ from benchmarks.fusion import cases
 from benchmarks.fusion.verdict_fit import read_samples, Sample, write_samples
 import cv2
 from somfusion_ros.fusion import verdict as verdicts
-from somfusion_ros.fusion.alignment import ALIGNMENT, may_be_image, verify_image
+from somfusion_ros.fusion.alignment import ALIGNMENT, find, may_be_image
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learning import learn
-from somfusion_ros.fusion.search import search
+from somfusion_ros.fusion.mirror import mirror
 from somfusion_ros.fusion.stopwatch import Stopwatch
-from somfusion_ros.fusion.verification import verify
 from somfusion_ros.geometry import inverse
 
 IN_DOUBT = 0.05     # probability from which the mirror image is looked at
@@ -48,10 +47,10 @@ def look(kind: str, number: int, case: cases.Case, cache: FusionCache) -> Sample
         return None
     swapped = len(maps[0].cells) < len(maps[1].cells)
     target, source = maps[::-1] if swapped else maps
-    found = verify(*search(target, source, config, Stopwatch()), target, source, config)
+    found = find(target, source, config, Stopwatch())
     verdict, image = found.verdict, 0.0
     if verdict.probability > IN_DOUBT and may_be_image(found):
-        other = verify_image(target, source, config)
+        other = find(target, mirror(source), config, Stopwatch())
         image = verdicts.image_times(found.evidence, other.verdict, other.evidence)
     pose = inverse(found.poses[verdict.best]) if swapped else found.poses[verdict.best]
     return Sample(kind, number, case.places, case.truth is not None, case.is_right(pose), image,

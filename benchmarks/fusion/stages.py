@@ -126,7 +126,7 @@ def rescored(pair: Pair) -> Found:
 def by_cells(pair: Pair) -> Found:
     """Let the cells choose among what the clusters propose."""
     target, source = pair.learned
-    poses, _ = search(target, source, FusionConfig(), Stopwatch())
+    poses = search(target, source, FusionConfig(), Stopwatch()).poses
     evidence = measures.measure(poses, target, source)
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
     return poses[best], bool(evidence[best].V >= PUBLISHED_V)

@@ -19,7 +19,7 @@ from somfusion_ros.fusion.learning import learn, LEARNING
 from somfusion_ros.fusion.lookout import lookout
 from somfusion_ros.fusion.map_trace import map_trace, MapTrace
 from somfusion_ros.fusion.mirror import mirror
-from somfusion_ros.fusion.search import search
+from somfusion_ros.fusion.search import search, widened
 from somfusion_ros.fusion.stopwatch import Stopwatch
 from somfusion_ros.fusion.verification import Verified, verify
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
@@ -39,6 +39,9 @@ class AlignmentSettings:
     bent_from: float = tuned(
         0.1, 'm', 'strain from which a pose is that of all matched walls, not of the part that '
         'fits best', 'doc/fusion.md: pairs_mesh')
+    hopeless: float = tuned(
+        0.05, 'probability', 'below which a hypothesis gives way to a wider search',
+        'benchmarks/fusion/calibration.py: office')
     published_v: float = tuned(
         0.9, 'share', 'V (12) from which the published method trusts its only hypothesis',
         'benchmarks/fusion/stages.py')
@@ -128,12 +131,10 @@ def _align_grids(target: Grid, source: Grid, config: FusionConfig,
 def _align(target: LearnedMap, source: LearnedMap, config: FusionConfig,
            stopwatch: Stopwatch) -> Alignment:
     """Take every stage in order, with many hypotheses at once."""
-    poses, J = search(target, source, config, stopwatch)
-    found = verify(poses, J, target, source, config)
-    stopwatch.lap('verification')
+    found = find(target, source, config, stopwatch)
     verdict = found.verdict
     if verdict.accepted and may_be_image(found):
-        image = verify_image(target, source, config)
+        image = find(target, mirror(source), config, Stopwatch())
         verdict = verdicts.beside_image(verdict, found.evidence, image.verdict, image.evidence)
         stopwatch.lap('mirror image')
     best = verdict.best
@@ -145,6 +146,19 @@ def _align(target: LearnedMap, source: LearnedMap, config: FusionConfig,
     answer = _report(pose, covariance, verdict, found.evidence, found.J[:, best], found.poses,
                      stopwatch)
     return _with_lookouts(answer, target, source) if verdict.ambiguous else answer
+
+
+def find(target: LearnedMap, source: LearnedMap, config: FusionConfig,
+         stopwatch: Stopwatch) -> Verified:
+    """Search and judge; and once more, wider, where all that was found is hopeless."""
+    proposed = search(target, source, config, stopwatch)
+    found = verify(proposed.poses, proposed.J, target, source, config)
+    stopwatch.lap('verification')
+    if not proposed.wide and found.verdict.probability < ALIGNMENT.hopeless:
+        proposed = widened(proposed, target, source, config)
+        found = verify(proposed.poses, proposed.J, target, source, config)
+        stopwatch.lap('wider search')
+    return found
 
 
 def _with_lookouts(answer: Alignment, target: LearnedMap, source: LearnedMap) -> Alignment:
@@ -160,12 +174,6 @@ def _with_lookouts(answer: Alignment, target: LearnedMap, source: LearnedMap) ->
 def may_be_image(found: Verified) -> bool:
     """Tell whether the mirror image is worth a look: not where all fits to a cell."""
     return not found.verdict.is_clear or found.evidence.fine_ratio < ALIGNMENT.exact
-
-
-def verify_image(target: LearnedMap, source: LearnedMap, config: FusionConfig) -> Verified:
-    """Judge the best pose of the mirror image of the source map."""
-    image = mirror(source)
-    return verify(*search(target, image, config, Stopwatch()), target, image, config)
 
 
 def _align_as_published(target: LearnedMap, source: LearnedMap, config: FusionConfig,

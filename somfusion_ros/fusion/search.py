@@ -26,15 +26,27 @@ class SearchSettings:
     inexact: float = tuned(
         3.0, 'root m', 'or score of the wall cells: most of the true pairs that were missed have '
         'a better one than what was found', 'doc/fusion.md')
-    wide_peaks: int = tuned(
-        8, 'peaks', 'are followed then: in a large hall full of furniture the walls are not the '
-        'most frequent direction', 'benchmarks/fusion/calibration.py: years')
+    wide_turns: int = tuned(
+        2, 'turns', 'of these peaks are followed once more then,',
+        'benchmarks/fusion/calibration.py: worn')
+    wide_cell: float = tuned(
+        0.5, 'times', 'as large are the cells in which pairs of clusters vote then',
+        'benchmarks/fusion/calibration.py: worn, office')
     wide_seeds: int = tuned(
-        336, 'seeds', 'or at least as many as at first are tried then, over all turns',
-        'benchmarks/fusion/calibration.py: bent')
+        60, 'seeds', 'for each quarter turn are tried then, over these turns',
+        'benchmarks/fusion/calibration.py: worn')
     wide_finalists: int = tuned(
-        6, 'poses', 'of these are judged beside those of the first search: where maps are bent, '
+        10, 'poses', 'of these are judged beside those of the first search: where maps are bent, '
         'the right one may rank behind many that fit by chance', 'doc/fusion.md')
+    swept_turns: int = tuned(
+        20, 'turns', 'of a quarter turn are tried then, whatever the histograms say',
+        'benchmarks/fusion/calibration.py: years, bent')
+    swept_cell: float = tuned(
+        2.0, 'times', 'as large are the cells in which pairs of clusters vote for a shift at them',
+        'benchmarks/fusion/calibration.py: years, bent')
+    swept_seeds: int = tuned(
+        60, 'seeds', 'of all those turns are tried: those whose votes stand out most',
+        'benchmarks/fusion/calibration.py: years, bent')
     candidates: int = tuned(
         40, 'poses', 'distinct, of which the wall cells choose the finalists',
         'benchmarks/fusion/stages.py')
@@ -55,27 +67,61 @@ class SearchSettings:
 SEARCH = SearchSettings()
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Proposals:
+    """
+    Distinct poses (B, 3) of the source, with J of every step, (steps, B).
+
+    turns (N,): orientations of the histograms, modulo a quarter turn [rad], best first; wide:
+    whether poses were looked for beyond them.
+    """
+
+    poses: Array
+    J: Array
+    turns: Array
+    wide: bool = False
+
+
 def search(target: LearnedMap, source: LearnedMap, config: FusionConfig,
-           stopwatch: Stopwatch) -> tuple[Array, Array]:
-    """Propose distinct poses (B, 3) of the source, with J of every step, (steps, B)."""
-    correlation = orientation.correlate(target.histogram, source.histogram)
-    turns = _turns(correlation, target, source, SEARCH.peaks)
+           stopwatch: Stopwatch) -> Proposals:
+    """Propose poses of the source; where none convinces, wider."""
+    turns = orientation.families(orientation.tune(
+        orientation.peaks(orientation.correlate(target.histogram, source.histogram),
+                          SEARCH.peaks), target.spectrum, source.spectrum))
     stopwatch.lap('orientation')
     votes = voting.VoteGrid(target.features, source.features, config.vote_cell, SEARCH.vote_cells)
-    found = _settled([votes.seeds(turn, config.seeds) for turn in turns], target, source)
-    best = _candidates(*found, target, source)
-    poses = best.first(config.finalists)
-    if found[1].max(initial=0.0) < SEARCH.weak or best.exact_score < SEARCH.inexact:
-        wide = _turns(correlation, target, source, SEARCH.wide_peaks)     # begins with `turns`
-        count = max(config.seeds, SEARCH.wide_seeds // (voting.QUARTERS * len(wide)))
-        more = _settled([votes.seeds(turn, count)[:, config.seeds if k < len(turns) else 0:]
-                         for k, turn in enumerate(wide)], target, source)
-        others = _candidates(*more, target, source).first(SEARCH.wide_finalists)
-        poses = np.concatenate([poses, others])
+    settled, score = _settled([votes.seeds(turn, config.seeds) for turn in turns], target, source)
+    best = _candidates(settled, score, target, source)
     stopwatch.lap('seeds')
-    poses, J = settle_last(poses, target, source, sketch=False)
+    poses, J = settle_last(best.first(config.finalists), target, source, sketch=False)
     stopwatch.lap('translation')
-    return poses, J
+    found = Proposals(poses=poses, J=J, turns=turns)
+    if score.max(initial=0.0) >= SEARCH.weak and best.exact_score >= SEARCH.inexact:
+        return found
+    found = widened(found, target, source, config)
+    stopwatch.lap('wider search')
+    return found
+
+
+def widened(found: Proposals, target: LearnedMap, source: LearnedMap,
+            config: FusionConfig) -> Proposals:
+    """
+    Propose more poses, beside those that do not convince.
+
+    At the turns of the histograms by finer votes, which worn walls and equal rooms need; and at
+    any turn, as furniture and bends hide the right one from histograms.
+    """
+    cell, few = config.vote_cell, found.turns[:SEARCH.wide_turns]
+    fine, coarse = (voting.VoteGrid(target.features, source.features, cell * times,
+                                    SEARCH.vote_cells)
+                    for times in (SEARCH.wide_cell, SEARCH.swept_cell))
+    swept = np.arange(SEARCH.swept_turns) * (np.pi / 2.0 / SEARCH.swept_turns)
+    seeds = [fine.seeds(turn, SEARCH.wide_seeds // len(few)) for turn in few]
+    seeds += [coarse.outstanding(swept, SEARCH.swept_seeds)]
+    best = _candidates(*_settled(seeds, target, source), target, source)
+    poses, J = settle_last(best.first(SEARCH.wide_finalists), target, source, sketch=False)
+    return Proposals(poses=np.concatenate([found.poses, poses]), J=np.hstack([found.J, J]),
+                     turns=found.turns, wide=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,14 +167,8 @@ def _candidates(poses: Array, score: Array, target: LearnedMap,
     return _Candidates(poses, matched, against, scoring.common(poses, target, source))
 
 
-def _turns(correlation: Array, target: LearnedMap, source: LearnedMap, peaks: int) -> Array:
-    """List the orientations (N,) modulo a quarter turn [rad], best first."""
-    return orientation.families(orientation.tune(
-        orientation.peaks(correlation, peaks), target.spectrum, source.spectrum))
-
-
 def _settled(seeds: list[Array], target: LearnedMap, source: LearnedMap) -> tuple[Array, Array]:
-    """Settle seeds (4, n, 3) of every turn with a sketch: poses (B, 3), and their scores (B,)."""
+    """Settle seeds (..., 3) of every turn with a sketch: poses (B, 3), and their scores (B,)."""
     start = np.concatenate([some.reshape(-1, 3) for some in seeds])
     poses, _ = translation.settle(start, source.sketch, target.features, target.nearest)
     return poses, scoring.scores(poses, target, source, every=2)

@@ -11,6 +11,7 @@ clutter from drowning what is rare; without it the right shift ranks tens of pla
 the maps share little.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -37,6 +38,8 @@ class VotingSettings:
         'share of the whitening: 0 plain correlation, 1 phase correlation, which noise '
         'spoils',
         'benchmarks/fusion/stages.py')
+    of_a_turn: int = tuned(
+        10, 'peaks', 'of the votes of one turn are compared with those of others', 'by design')
 
 
 VOTING = VotingSettings()
@@ -69,20 +72,47 @@ class VoteGrid:
         -------
         (4, count, 3) poses T_target_source, best first for each of the four turns
         """
+        found = []
+        for angle, votes in self._votes(theta):
+            shift = self._peaks(votes, count)
+            found.append(self._poses(shift, angle))
+        return np.stack(found)
+
+    def outstanding(self, turns: Array, count: int) -> Array:
+        """
+        Find the shifts, at any of many turns (T,) [rad], whose votes stand out most.
+
+        How far a peak stands out is its height in standard deviations of all votes of its turn.
+
+        Returns
+        -------
+        (count, 3) poses T_target_source, best first
+        """
+        poses, heights = [], []
+        for theta in turns:
+            for angle, votes in self._votes(theta):
+                shift = self._peaks(votes, VOTING.of_a_turn)
+                poses.append(self._poses(shift, angle))
+                heights.append(votes[shift[:, 1], shift[:, 0]] / cv2.meanStdDev(votes)[1])
+        best = np.argsort(-np.concatenate(heights, axis=None), kind='stable')[:count]
+        return np.concatenate(poses)[best]
+
+    def _votes(self, theta: float) -> Iterator[tuple[float, NDArray[np.float32]]]:
+        """Vote for all shifts of the source turned by theta [rad], and by quarter turns more."""
         R = rotation(theta)
         spectrum = self._draw(self.source, (self.source.centres - self.centre_source) @ R.T,
                               self.source.normals @ R.T)
-        found = []
         for quarter in range(QUARTERS):
             if quarter:
                 spectrum = _quarter_turn(spectrum)
             sign = -1.0 if quarter % 2 else 1.0     # doubled angles: 90 degrees is half a turn
             votes = sign * _transform(self.target * np.conj(spectrum), cv2.DFT_INVERSE).real
-            angle = theta + quarter * np.pi / 2.0
-            shift = self._peaks(votes, count) * self.bin
-            at = shift + self.centre_target - rotation(angle) @ self.centre_source
-            found.append(np.column_stack([at, np.full(len(at), angle)]))
-        return np.stack(found)
+            yield theta + quarter * np.pi / 2.0, votes
+
+    def _poses(self, shift: NDArray[np.intp], angle: float) -> Array:
+        """Return the poses (K, 3) of the source turned by an angle and shifted by (K, 2) bins."""
+        at = shift * self.bin + self.centre_target - rotation(angle) @ self.centre_source
+        return np.column_stack([at, np.full(len(at), angle)])
 
     def _peaks(self, votes: Array, count: int) -> NDArray[np.intp]:
         """Return the highest local maxima (count, 2) as signed shifts (x, y) [bins]."""

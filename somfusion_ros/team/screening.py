@@ -73,8 +73,8 @@ def screen(own: LearnedMap, clusters: Clusters, config: FusionConfig | None = No
     oriented = int(np.count_nonzero(clusters.straight > LEARNING.oriented))
     if min(len(own.features), oriented) < ALIGNMENT.fewest_features:
         return Screening()
-    poses, _ = search(own, recall(clusters, own.resolution), config or FusionConfig(),
-                      Stopwatch())
+    poses = search(own, recall(clusters, own.resolution), config or FusionConfig(),
+                   Stopwatch()).poses
     matched, against = tally(own.zones.at(place(poses, clusters.centres)), clusters)
     ratio = matched / (matched + against + 1.0)
     score = ratio * np.sqrt(matched)
