@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from somfusion_ros.cli.main import main
 from somfusion_ros.geometry import between, compose, wrap
-from somfusion_ros.io.bags.log import BagError, BagOptions, open_log
+from somfusion_ros.io.bags.log import BagOptions, open_log
+from somfusion_ros.io.errors import InputError
 from somfusion_ros.io.trajectories import read_tum
 from somfusion_ros.simulation import drive
 from somfusion_ros.simulation.floor_plan import PLANS
@@ -179,6 +180,6 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
 def test_nothing_foreign_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / 'robot1').mkdir()
     (tmp_path / 'robot1' / 'thesis.txt').write_text('years of work')
-    with pytest.raises(BagError, match='not from an earlier simulation'):
+    with pytest.raises(InputError, match='not from an earlier simulation'):
         simulate(tmp_path, SHORT)
     assert (tmp_path / 'robot1' / 'thesis.txt').exists()
