@@ -61,6 +61,9 @@ class VerdictSettings:
     comparable: float = tuned(
         0.6, 'share', "of the best's wall that a rival matches to be compared by its conflicts: "
         'a small overlap that fits by chance has few', 'benchmarks/fusion/calibration.py')
+    close: float = tuned(
+        0.9, 'share', "of the best's score from which a rival is compared so however little wall "
+        'it matches; at 0.8 bent maps lose to small overlaps', 'doc/fusion.md')
     loose_wall: float = tuned(
         0.5, 'm', 'of straight wall in the open is no contradiction: half a door leaf',
         'doc/fusion.md: belgioioso halves')
@@ -124,12 +127,8 @@ def judge(poses: Array, evidence: list[Evidence], best: int, others: Index,
     """
     Weigh the best of several hypotheses against the others.
 
-    Parameters
-    ----------
-    poses, evidence : hypotheses (B, 3) with the evidence of each
-    best : which of them is judged
-    others : its rivals, strongest first
-    confidence : probability from which it is accepted
+    poses, evidence: hypotheses (B, 3) with the evidence of each; best: which of them is judged;
+    others: its rivals, strongest first; confidence: probability from which it is accepted.
     """
     margins, rival, back = CLEAR, None, 0.0
     if len(others):
@@ -149,7 +148,8 @@ def judge(poses: Array, evidence: list[Evidence], best: int, others: Index,
 def margins_over(item: Evidence, rivals_of_it: list[Evidence]) -> Margins:
     """Compare a hypothesis with its rivals, at least one."""
     odds = [_against(other) for other in rivals_of_it
-            if other.fine > VERDICT.comparable * item.fine]
+            if other.fine > VERDICT.comparable * item.fine
+            or other.score > VERDICT.close * item.score]
     return Margins(
         item.score / max(max(other.score for other in rivals_of_it), 1e-9),
         min(odds, default=5.0) / _against(item),
@@ -210,10 +210,8 @@ def beside_image(verdict: Verdict, item: Evidence, image: Verdict,
     """
     Refuse a hypothesis where the mirror image of the source map fits much better than it.
 
-    Parameters
-    ----------
-    verdict, item : on the hypothesis, and the evidence for it
-    image, image_item : on the best pose of the mirror image, and the evidence for that
+    verdict, item: on the hypothesis, and the evidence for it; image, image_item: on the best pose
+    of the mirror image, and the evidence for that.
     """
     times = image_times(item, image, image_item)
     if times < VERDICT.image:
