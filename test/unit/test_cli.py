@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: help, parameter files, progress on a terminal only."""
 
+from collections.abc import Iterator
 import os
 from pathlib import Path
 import signal
@@ -80,6 +81,15 @@ def test_blocks_of_other_nodes_are_passed_over(tmp_path: Path) -> None:
     assert read_parameters([path]) == {'resolution': 0.1, 'estimation_confidence': 0.8}
 
 
+@pytest.fixture
+def heeded() -> Iterator[None]:
+    """Take SIGINT as a terminal's commands do: in the background of a script it is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures('heeded')
 def test_an_interrupt_is_one_line_also_while_a_command_is_being_imported(
         monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr('somfusion_ros.cli.main.parser', lambda: signal.raise_signal(stop))
@@ -91,6 +101,7 @@ def test_an_interrupt_is_one_line_also_while_a_command_is_being_imported(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures('heeded')     # a process inherits what is ignored
 @pytest.mark.parametrize('whole_group', [True, False], ids=['Ctrl-C', 'kill'])
 def test_an_interrupted_replay_leaves_one_line_and_no_process(whole_group: bool,
                                                               tmp_path: Path) -> None:
