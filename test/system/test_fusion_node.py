@@ -252,9 +252,11 @@ def test_a_slam_node_that_is_killed_begins_a_new_map_that_joins_again(graph: Gra
             '-r', '__ns:=/robot2'])
         return slam
 
-    def joined() -> bool:
-        merged = result['map'] and convert.grid_from_message(result['map'][-1], LIMIT)
-        return bool(merged) and share_of_strangers(merged) < 0.03
+    def joined() -> bool:     # the map of robot1 alone has no strangers, either
+        if not (result['transform'] and result['map']):
+            return False
+        merged = convert.grid_from_message(result['map'][-1], LIMIT)
+        return share_of_strangers(merged) < 0.03
     first = drive('first', 'false')
     graph.until(joined, 'one map of both')
     os.kill(first, signal.SIGKILL)
@@ -263,7 +265,8 @@ def test_a_slam_node_that_is_killed_begins_a_new_map_that_joins_again(graph: Gra
     drive('second', 'true')
     log = graph.processes.log_path('robot1')
     graph.until(lambda: 'robot2 began another map' in log.read_text(), 'word of a new map')
-    result['map'].clear()      # maps with the old one count no more
+    result['map'].clear()      # what was with the old one counts no more
+    result['transform'].clear()
     graph.until(joined, 'one map of both, with a new one of robot2')
     assert keep
     graph.assert_clean(graph.processes.stop())
