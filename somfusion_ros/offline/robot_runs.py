@@ -4,6 +4,7 @@
 
 from collections.abc import Mapping
 import multiprocessing
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 import os
@@ -92,6 +93,7 @@ def _start(process: BaseProcess) -> None:
     if threading.current_thread() is threading.main_thread():   # only this may set handlers
         handlers = {number: signal.signal(number, lambda *_: came.append(_))
                     for number in STOPPING if callable(signal.getsignal(number))}
+    resource_tracker.ensure_running()   # where it is begun with the process, signals get through
     signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)   # the process inherits what is blocked
     try:
         process.start()
