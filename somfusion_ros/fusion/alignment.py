@@ -21,7 +21,7 @@ from somfusion_ros.fusion.map_trace import map_trace, MapTrace
 from somfusion_ros.fusion.mirror import mirror
 from somfusion_ros.fusion.search import search, widened
 from somfusion_ros.fusion.stopwatch import Stopwatch
-from somfusion_ros.fusion.verification import Verified, verify
+from somfusion_ros.fusion.verification import VERIFICATION, Verified, verify
 from somfusion_ros.geometry import Array, inverse, Pose, rotation
 from somfusion_ros.grid import Grid
 from somfusion_ros.settings import tuned
@@ -39,9 +39,6 @@ class AlignmentSettings:
     bent_from: float = tuned(
         0.1, 'm', 'strain from which a pose is that of all matched walls, not of the part that '
         'fits best', 'doc/fusion.md: pairs_mesh')
-    hopeless: float = tuned(
-        0.05, 'probability', 'below which a hypothesis gives way to a wider search',
-        'benchmarks/fusion/calibration.py: office')
     published_v: float = tuned(
         0.9, 'share', 'V (12) from which the published method trusts its only hypothesis',
         'benchmarks/fusion/stages.py')
@@ -154,7 +151,7 @@ def find(target: LearnedMap, source: LearnedMap, config: FusionConfig,
     proposed = search(target, source, config, stopwatch)
     found = verify(proposed.poses, proposed.J, target, source, config)
     stopwatch.lap('verification')
-    if not proposed.wide and found.verdict.probability < ALIGNMENT.hopeless:
+    if not proposed.wide and found.verdict.probability < VERIFICATION.hopeless:
         proposed = widened(proposed, target, source, config)
         found = verify(proposed.poses, proposed.J, target, source, config)
         stopwatch.lap('wider search')

@@ -40,8 +40,9 @@ class VerificationSettings:
         2, 'poses', 'beside the best, along the direction that is fixed worst, may bend too',
         'benchmarks/fusion/calibration.py')
     hopeless: float = tuned(
-        0.05, 'probability', 'without a rival, below which none is looked for: saves time where '
-        'places differ', 'benchmarks/fusion/calibration.py')
+        0.05, 'probability', 'below which, without a rival, none is looked for, which saves time '
+        'where places differ; with rivals, the search is widened',
+        'benchmarks/fusion/calibration.py: office')
 
 
 VERIFICATION = VerificationSettings()
