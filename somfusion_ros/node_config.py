@@ -10,10 +10,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 import re
 
-from somfusion_ros.settings import parameter, validate
+from somfusion_ros.settings import parameter, SettingError, validate
 
 ODOMETRY_SOURCES = ('auto', 'odom', 'encoders', 'tf', 'none')
 MOUNT_SOURCES = ('auto', 'tf', 'laser_pose')
+MODES = ('mapping', 'localization')
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class SlamNodeConfig:
         'auto', '', None, None,
         'odom: nav_msgs/Odometry on odom; encoders: two wheels in joint_states; tf: the transform '
         'odom -> base_link on /tf; none: the motion is guessed from the scans alone; auto: odom, '
-        'or tf where only that is heard.')
+        'or tf where only that is heard.', among=ODOMETRY_SOURCES)
     wheel_radius: float = parameter(
         0.077, 'm', 0.001, 10.0,
         'Radius of the two driven wheels; used only with odometry_source encoders.')
@@ -76,11 +77,12 @@ class SlamNodeConfig:
     mount_source: str = parameter(
         'auto', '', None, None,
         'Where the mount of the laser comes from: tf: /tf_static; laser_pose: that parameter, '
-        'also where it is all zero; auto: laser_pose unless it is all zero, else tf.')
+        'also where it is all zero; auto: laser_pose unless it is all zero, else tf.',
+        among=MOUNT_SOURCES)
     mode: str = parameter(
         'mapping', '', None, None,
         'mapping: a map is made; localization: the robot is tracked in the map of map_file or '
-        'map_topic, which stays as it is.')
+        'map_topic, which stays as it is.', among=MODES)
     map_file: str = parameter(
         '', '', None, None,
         'Map to localise in: a map.yaml as of map_server, or what serialize_map wrote; used with '
@@ -109,21 +111,14 @@ class SlamNodeConfig:
 
     def __post_init__(self) -> None:
         validate(self)
-        for name, words in (('odometry_source', ODOMETRY_SOURCES),
-                            ('mount_source', MOUNT_SOURCES)):
-            if getattr(self, name) not in words:
-                raise ValueError(f'{name} = {getattr(self, name)!r} is none of '
-                                 f'{", ".join(words)}')
-        if self.mode not in ('mapping', 'localization'):
-            raise ValueError(f'mode = {self.mode!r} is neither mapping nor localization')
         if self.mode == 'localization' and not (self.map_file or self.map_topic):
-            raise ValueError('mode localization needs a map: set map_file or map_topic')
+            raise SettingError('mode', 'localization needs a map: set map_file or map_topic')
         if len(self.laser_pose) != 3:
-            raise ValueError(f'laser_pose = {list(self.laser_pose)} must be x, y and yaw')
+            raise SettingError('laser_pose', f'= {list(self.laser_pose)} must be x, y and yaw')
         object.__setattr__(self, 'scan_topics', split_words(self.scan_topics) or ('scan',))
         if len(self.scan_topics) > 1 and self.given_mount is not None:
-            raise ValueError('laser_pose is the mount of one laser, but scan_topics names '
-                             f'{len(self.scan_topics)}: their mounts must be on /tf_static')
+            raise SettingError('laser_pose', 'is the mount of one laser, but scan_topics names '
+                               f'{len(self.scan_topics)}: their mounts must be on /tf_static')
 
     @property
     def given_mount(self) -> tuple[float, ...] | None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from somfusion_ros.cli.options import (add_fusion, add_output, Commands, count, given, pose,
                                        positive)
+from somfusion_ros.node_config import ODOMETRY_SOURCES
+from somfusion_ros.slam.config import BEAM_ORDERS
 
 
 def add(commands: Commands) -> None:
@@ -24,14 +26,14 @@ def add(commands: Commands) -> None:
     command.add_argument('--scan-topic', help='topic of the laser scans')
     command.add_argument('--odom-topic', help='topic of nav_msgs/Odometry')
     command.add_argument('--odometry-source', default='auto',
-                         choices=['auto', 'odom', 'encoders', 'tf', 'none'],
+                         choices=ODOMETRY_SOURCES,
                          help='odom: nav_msgs/Odometry; encoders: two wheels in joint states; '
                               'tf: odom -> base in /tf; none: from the scans alone; auto: the '
                               'first of odom, encoders and tf in the bag')
     command.add_argument('--laser-pose', type=pose, metavar='X,Y,THETA',
                          help='laser in the base frame [m, m, rad], instead of tf_static; '
                               'write --laser-pose=-0.1,0,0 where X is negative')
-    command.add_argument('--beam-order', choices=['auto', 'rising', 'falling', 'at_once'],
+    command.add_argument('--beam-order', choices=BEAM_ORDERS,
                          help='order in time of the beams of a scan (default: learned while the '
                               'robot turns)')
     command.add_argument('--wheel-radius', type=positive, metavar='M', help='for encoders [m]')

@@ -13,7 +13,8 @@ class FusionConfig:
 
     method: str = parameter(
         'som', '', None, None,
-        'som: many hypotheses and a calibrated verdict; paper: the literal IROS 2011 method.')
+        'som: many hypotheses and a calibrated verdict; paper: the literal IROS 2011 method.',
+        among=('som', 'paper'))
     estimation_confidence: float = parameter(
         0.9, 'probability', 0.0, 1.0,
         'A relative pose is accepted at this probability of being right.')
@@ -35,5 +36,3 @@ class FusionConfig:
 
     def __post_init__(self) -> None:
         validate(self)
-        if self.method not in ('som', 'paper'):
-            raise ValueError(f"method = '{self.method}' is neither 'som' nor 'paper'")

@@ -22,7 +22,8 @@ class SlamConfig:
         AUTO, '', None, None,
         'Order in time of the beams of a scan that has a time_increment: rising, falling (the '
         'driver turned the beams of a clockwise laser round), at_once (the driver undid the '
-        'motion already); auto: learned while the robot turns, and as told until then.')
+        'motion already); auto: learned while the robot turns, and as told until then.',
+        among=BEAM_ORDERS)
     minimum_travel_distance: float = parameter(
         0.4, 'm', 0.01, 10.0, 'A new view is kept after this travel; fewer views cost less.')
     minimum_travel_heading: float = parameter(
@@ -54,6 +55,3 @@ class SlamConfig:
 
     def __post_init__(self) -> None:
         validate(self)
-        if self.beam_order not in BEAM_ORDERS:
-            raise ValueError(f'beam_order = {self.beam_order!r} is none of '
-                             f'{", ".join(BEAM_ORDERS)}')

@@ -3,8 +3,9 @@
 """Parameters of a team: when pairs are matched, and what is known of the start."""
 
 from dataclasses import dataclass
+import math
 
-from somfusion_ros.settings import parameter, validate
+from somfusion_ros.settings import parameter, SettingError, validate
 
 
 @dataclass(frozen=True)
@@ -43,13 +44,16 @@ class TeamConfig:
         self.known_poses()
 
     def known_poses(self) -> dict[str, tuple[float, float, float]]:
-        """Parse initial_poses; ValueError names the one that is not `name x y yaw`."""
+        """Parse initial_poses; SettingError names the one that is not `name x y yaw`."""
         poses = {}
         for text in filter(None, self.initial_poses):
             name, *numbers = text.split()
             try:
                 x, y, theta = (float(number) for number in numbers)
+                if not all(map(math.isfinite, (x, y, theta))):
+                    raise ValueError(numbers)
             except ValueError as error:
-                raise ValueError(f'initial_poses: {text!r} is not "name x y yaw"') from error
+                raise SettingError('initial_poses',
+                                   f'hold {text!r}, which is not "name x y yaw"') from error
             poses[name] = (x, y, theta)
         return poses

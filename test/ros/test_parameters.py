@@ -9,6 +9,7 @@ from pathlib import Path
 from helpers import need_ros, ROOT
 import pytest
 from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.io.errors import InputError
 from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.team.config import TeamConfig
@@ -17,11 +18,10 @@ import yaml
 need_ros()
 
 import rclpy  # noqa: E402, I100
-from rclpy.exceptions import InvalidParameterTypeException  # noqa: E402
-from rclpy.exceptions import InvalidParameterValueException  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from somfusion_ros.ros.common import parameters  # noqa: E402
+from somfusion_ros.ros.common.parameter_origin import in_vain, is_for  # noqa: E402
 from somfusion_ros.ros.common.parameter_sets import SETS  # noqa: E402
 from somfusion_ros.ros.common.parameter_yaml import (FILES, main, parameter_file,  # noqa: E402
                                                      scalar)
@@ -73,14 +73,62 @@ def test_values_from_outside_arrive(context: rclpy.Context) -> None:
     (SlamConfig, 'resolution', 'fine'), (SlamNodeConfig, 'odometry_source', 'gps'),
     (SlamNodeConfig, 'laser_pose', [1.0]), (FusionNodeConfig, 'merging_rate', 0.0),
     (TeamConfig, 'initial_poses', ['robot1 1 2']), (FusionNodeConfig, 'peers', 3),
-    (FusionNodeConfig, 'peers', [1.0])])
+    (FusionNodeConfig, 'peers', [1.0]), (FusionConfig, 'seeds', 3.0),
+    (SlamNodeConfig, 'laser_pose', [0.0, float('nan'), 0.0]),
+    (TeamConfig, 'initial_poses', ['robot1 nan 0 0']), (SlamNodeConfig, 'use_peers', 1)])
 def test_bad_values_are_refused_by_name(config: type, name: str, value: object,
                                         context: rclpy.Context) -> None:
     node = make_node(context, **{name: value})
-    with pytest.raises((ValueError, InvalidParameterValueException,
-                        InvalidParameterTypeException), match=name):
+    with pytest.raises(InputError, match=f'/tested: {name} '):
         parameters.declare(node, config)
     node.destroy_node()
+
+
+@pytest.mark.parametrize(('blocks', 'more', 'told'), [
+    ('/**: {ros__parameters: {resolution: 7.0}}', [], 'FILE (/**)'),
+    ('robot1: {tested: {ros__parameters: {resolution: 7}}}', [], 'FILE (robot1/tested)'),
+    ('/*/tested: {ros__parameters: {resolution: 7.0}}\n'
+     'tested: {ros__parameters: {resolution: 8.0}}', [], 'FILE (/*/tested)'),
+    ('/**: {ros__parameters: {resolution: 0.1}}', ['-p', 'resolution:=7'], '-p'),
+    ('/**: {ros__parameters: {resolution: 0.1}}', ['-p', 'tested:resolution:=7.0'], '-p')])
+def test_a_bad_value_is_told_with_where_it_stands(
+        blocks: str, more: list[str], told: str, context: rclpy.Context, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / 'mine.yaml'
+    path.write_text(blocks)
+    namespace = '/' if 'tested:res' in ' '.join(more) else '/robot1'
+    arguments = ['--ros-args', '--params-file', str(path), *more]
+    monkeypatch.setattr('sys.argv', ['tested', *arguments])
+    node = Node('tested', context=context, namespace=namespace, cli_args=arguments)
+    with pytest.raises(InputError) as error:
+        parameters.declare(node, SlamConfig)
+    assert str(error.value) == (f'{told.replace("FILE", str(path))}: resolution = 7.0 must be a '
+                                'number in 0.005..1')
+    node.destroy_node()
+
+
+def test_whole_numbers_serve_where_numbers_are_meant(context: rclpy.Context) -> None:
+    """YAML has 5 for 5.0, and the commands take it so."""
+    node = make_node(context, laser_pose=[0, 0, 1], map_update_interval=5)
+    config = parameters.declare(node, SlamNodeConfig)
+    assert (config.laser_pose, config.map_update_interval) == ((0.0, 0.0, 1.0), 5.0)
+    assert node.get_parameter('map_update_interval').value == 5.0
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(('nodes', 'meant'), [
+    ('/**', True), ('/**/slam_node', True), ('/robot1/slam_node', True), ('/*/slam_node', True),
+    ('robot1/slam_node', True), ('slam_node', False), ('/robot2/slam_node', False),
+    ('/*', False), ('/**/fusion_node', False), ('/robot1/slam.node', False)])
+def test_a_file_with_blocks_for_others_alone_is_named(nodes: str, meant: bool,
+                                                      tmp_path: Path) -> None:
+    path = tmp_path / 'mine.yaml'
+    path.write_text(f"'{nodes}': {{ros__parameters: {{resolution: 0.1}}}}")
+    assert is_for(nodes, '/robot1/slam_node') == meant
+    said = in_vain('/robot1/slam_node', ['node', '--ros-args', '--params-file', str(path)])
+    wrong = not meant and nodes.endswith('slam_node')
+    assert said == ([f'{path} has no effect on /robot1/slam_node: it is for {nodes}; '
+                     '/**/slam_node would be for that node in every namespace'] if wrong else [])
 
 
 @pytest.mark.parametrize('given', ['robot2 robot3', 'robot2, robot3', 'robot2,robot3',

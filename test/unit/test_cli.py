@@ -140,7 +140,22 @@ def test_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
     assert str(path) in str(error.value)
 
 
-@pytest.mark.parametrize('value', ['fine', 0.0, -1])
+@pytest.mark.parametrize('wrong', [
+    'resolution: 100.0', 'odometry_source: wheels', 'laser_pose: [1.0]', 'peers: [1]',
+    'initial_poses: [robot1 1 2]', 'use_peers: 1', 'seeds: 1.5', 'method: sam',
+    'map_update_interval: .nan', 'mode: localization', 'resolution: true'])
+def test_a_bad_value_is_told_with_file_and_node(tmp_path: Path, wrong: str) -> None:
+    """Also of a parameter that the command does not use: the node would not start with it."""
+    good, bad = tmp_path / 'good.yaml', tmp_path / 'bad.yaml'
+    good.write_text('/**: {ros__parameters: {resolution: 1}}')
+    bad.write_text(f'/**/slam_node: {{ros__parameters: {{{wrong}}}}}')
+    with pytest.raises(InputError) as error:
+        read_parameters([good, bad])
+    assert str(error.value).startswith(f'{bad} (/**/slam_node): {wrong.partition(":")[0]} ')
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize('value', ['fine', 0.0, -1, True, float('nan')])
 def test_bad_parameter_value(value: object) -> None:
     with pytest.raises(ValueError, match='resolution'):
         make(SlamConfig, {'resolution': value})

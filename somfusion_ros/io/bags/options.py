@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 from somfusion_ros.geometry import Pose
 
-SOURCES = ('auto', 'odom', 'encoders', 'tf', 'none')
-
 
 @dataclass(frozen=True)
 class BagOptions:
     """
     What is to be used of a bag; None and 'auto' mean: found in the bag.
 
-    odometry_source is one of SOURCES. Encoders need wheel_radius and wheel_separation [m].
+    odometry_source as in SlamNodeConfig. Encoders need wheel_radius and wheel_separation [m].
     laser_pose is T_base_laser; scans of a laser mounted upside down are turned over only when the
     mount comes from the bag. namespace is that of one robot of several; '' the only one.
     """

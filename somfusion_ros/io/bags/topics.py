@@ -5,10 +5,11 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from somfusion_ros.io.bags.options import BagOptions, SOURCES
+from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.bags.reader import BagReader
 from somfusion_ros.io.bags.transforms import in_namespace, odometry_frames, TF_TYPES
 from somfusion_ros.io.frame_names import BASE_FRAMES, plain
+from somfusion_ros.node_config import ODOMETRY_SOURCES
 
 SCANS = ('sensor_msgs/msg/LaserScan', 'sensor_msgs/msg/MultiEchoLaserScan')
 CLOUD = 'sensor_msgs/msg/PointCloud2'
@@ -89,8 +90,8 @@ def choose_odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
 def _odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
     """Find where the odometry of a robot comes from."""
     kind, namespace = options.odometry_source, options.namespace
-    if kind not in SOURCES:
-        raise ValueError(f'odometry source {kind!r} is none of {", ".join(SOURCES)}')
+    if kind not in ODOMETRY_SOURCES:
+        raise ValueError(f'odometry source {kind!r} is none of {", ".join(ODOMETRY_SOURCES)}')
     in_tf = None
     if kind == 'auto':
         kind, in_tf = _best_source(reader, options)

@@ -13,6 +13,7 @@ from textwrap import wrap
 from typing import Any
 
 from somfusion_ros.ros.common.parameter_sets import SETS
+from somfusion_ros.settings import span
 
 WIDTH = 95
 INDENT = ' ' * 4
@@ -45,10 +46,7 @@ def parameter_file(name: str) -> str:
 def sentence(item: Field[Any]) -> str:
     """Describe a parameter: effect, unit, range, and whether it can change live."""
     meta = item.metadata
-    low, high = meta['low'], meta['high']
-    span = f'{"" if low is None else f"{low:g}"}..{"" if high is None else f"{high:g}"}'
-    notes = [note for note in (meta['unit'], span.strip('.') and span,
-                               'live' if meta['live'] else '') if note]
+    notes = [note for note in (meta['unit'], span(item), 'live' if meta['live'] else '') if note]
     return str(meta['description']) + (f' [{"; ".join(notes)}]' if notes else '')
 
 

@@ -5,11 +5,15 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, Field, fields, replace
 from difflib import get_close_matches
+import sys
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
+from somfusion_ros.io.errors import InputError
+from somfusion_ros.ros.common.parameter_origin import in_vain, origin
 from somfusion_ros.ros.common.parameter_sets import names_of, SETS
+from somfusion_ros.settings import SettingError, taken
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -24,14 +28,28 @@ def declare(node: Any, config_class: type[Config], changeable: bool = False) -> 
     """
     Declare every field of a config dataclass as a parameter and read the values that came in.
 
-    Raises ValueError or rclpy's ParameterException, each with a sentence, on a bad value.
+    InputError on a bad value: one line that names the file or the argument it stands in, the
+    parameter, the value, and what is allowed.
     """
     values = {}
-    for item in fields(config_class):
-        default = _to_ros(item.default)
-        value = node.declare_parameter(item.name, default, descriptor(item, changeable)).value
-        values[item.name] = _from_ros(item, value)
-    return config_class(**values)
+    try:
+        for item in fields(config_class):
+            _take_override(node, item)
+            value = node.declare_parameter(item.name, _to_ros(item.default),
+                                           descriptor(item, changeable)).value
+            values[item.name] = taken(item, value)
+        return config_class(**values)
+    except SettingError as error:
+        place = origin(error.name, node.get_fully_qualified_name(), sys.argv)
+        raise InputError(f'{place}: {error}') from error
+
+
+def _take_override(node: Any, item: Field[Any]) -> None:
+    """Check a value that came in before rclpy does, which takes no 5 for 5.0."""
+    given = node._parameter_overrides.get(item.name)   # rclpy has no public way to ask
+    if given is not None:
+        value = _to_ros(taken(item, given.value))
+        node._parameter_overrides[item.name] = type(given)(item.name, value=value)
 
 
 def descriptor(item: Field[Any], changeable: bool) -> ParameterDescriptor:
@@ -63,7 +81,7 @@ def change(config: Config, parameters: list[Any]) -> tuple[Config, SetParameters
     """
     known = {item.name: item for item in fields(config)}
     try:
-        changed = {p.name: _from_ros(known[p.name], p.value)
+        changed = {p.name: taken(known[p.name], p.value)
                    for p in parameters if p.name in known}
         return replace(config, **changed), SetParametersResult(successful=True)
     except (TypeError, ValueError) as error:
@@ -103,24 +121,16 @@ def unknown(given: Iterable[str], declared: Iterable[str],
 
 
 def warn_of_unknown(node: Any) -> None:
-    """Log every parameter that was given to a node but that it does not have."""
+    """Log every parameter and file that was given to a node but is of no use to it."""
     own = node.get_name() if node.get_name() in SETS else ''
     elsewhere = {other: names_of(other) for other in SETS if other != own}
-    # rclpy has no public way to ask what was given.
     for sentence in unknown(node._parameter_overrides, node.get_parameters_by_prefix(''),
                             elsewhere):
+        node.get_logger().warning(sentence)
+    for sentence in in_vain(node.get_fully_qualified_name(), sys.argv):
         node.get_logger().warning(sentence)
 
 
 def _to_ros(value: Any) -> Any:
     """Convert a tuple to the list that ROS knows."""
     return list(value) if isinstance(value, tuple) else value
-
-
-def _from_ros(item: Field[Any], value: Any) -> Any:
-    """Convert a list to the tuple that a frozen config holds."""
-    if item.metadata['words']:   # any type comes through
-        value = [value] if isinstance(value, str) else value
-        if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
-            raise ValueError(f'{item.name} = {value!r} is no list of words')
-    return tuple(value) if isinstance(item.default, tuple) else value

@@ -21,7 +21,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
-from somfusion_ros.io.errors import reason_of
+from somfusion_ros.io.errors import InputError, reason_of
 from somfusion_ros.ros.start import leave
 
 STOP_TIMEOUT = 2.0   # [s] that a callback or a worker is given to finish its piece of work
@@ -70,7 +70,8 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
 
 def _refuse(error: Exception) -> int:
     """Say in one line why there is no node; return the exit status."""
-    rclpy.logging.get_logger('somfusion_ros').fatal(reason_of(error))
+    told = str(error) if isinstance(error, InputError) else reason_of(error)
+    rclpy.logging.get_logger('somfusion_ros').fatal(told)
     return 1
 
 
