@@ -27,8 +27,10 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=[
+        'backports.zstd; python_version < "3.14"',
         'cryptography',
         'kiss-icp',
+        'lz4',
         'matplotlib',
         'numpy',
         'opencv-python-headless',

@@ -5,7 +5,6 @@
 from pathlib import Path
 import re
 import shutil
-import sys
 
 from helpers import DATA, write_fake_bag
 import numpy as np
@@ -13,13 +12,9 @@ import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+from somfusion_ros.io.bags.compression import zstd
 from somfusion_ros.io.bags.log import BagError, open_log
 from somfusion_ros.slam.scan import Scan
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
 
 CASES = DATA.parent / 'cases' / 'bags'
 STORE = get_typestore(Stores.ROS2_JAZZY)

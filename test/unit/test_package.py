@@ -40,18 +40,56 @@ def test_package_xml_depends_only_at_run_and_test_time() -> None:
     assert names == sorted(set(names))
 
 
+def imported(*folders: str) -> set[str]:
+    """Return the packages of others that files below some folders import while they run."""
+    found = set()
+    for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
+        tree = ast.parse(path.read_text(encoding='utf-8'))
+        typing = {id(node) for block in ast.walk(tree) if isinstance(block, ast.If)
+                  and 'TYPE_CHECKING' in ast.unparse(block.test) for node in ast.walk(block)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import) and id(node) not in typing:
+                found |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and id(node) not in typing:
+                found.add(node.module.split('.')[0])
+    return found - sys.stdlib_module_names - {'compression', 'somfusion_ros'}
+
+
+def is_ros(package: str) -> bool:
+    """Tell whether a package comes with ROS."""
+    return package.endswith(('_msgs', '_srvs', '_interfaces')) or package in (
+        'ament_index_python', 'launch', 'launch_ros', 'rclpy', 'tf2_ros')
+
+
 def test_every_ros_package_imported_is_depended_on() -> None:
     named = {e.text for e in MANIFEST if e.tag == 'exec_depend'}
-    imported = set()
-    for path in [*(ROOT / 'somfusion_ros').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.Import):
-                imported |= {alias.name.split('.')[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                imported.add(node.module.split('.')[0])
-    ros = {n for n in imported if n.endswith(('_msgs', '_srvs', '_interfaces'))
-           or n in ('ament_index_python', 'launch', 'launch_ros', 'rclpy', 'tf2_ros')}
+    ros = {package for package in imported('somfusion_ros', 'launch') if is_ros(package)}
+    assert {'rclpy', 'launch'} <= ros
     assert ros <= named, f'not in package.xml: {sorted(ros - named)}'
+
+
+# What pip installs, by what is imported of it; and the key by which rosdep knows it.
+DISTRIBUTIONS = {'backports': 'backports.zstd', 'cv2': 'opencv-python-headless',
+                 'kiss_icp': 'kiss-icp', 'yaml': 'pyyaml'}
+KEYS = {'opencv-python-headless': 'python3-opencv', 'pyyaml': 'python3-yaml'}
+WITHOUT_KEY = {'kiss-icp', 'rosbags', 'backports.zstd', 'lz4'}   # README installs them by pip
+
+
+def test_what_is_imported_is_what_is_depended_on() -> None:
+    """No more, no less, and nothing that only comes along with something else."""
+    required = {re.split(r'[; <>=]', text)[0] for text in ast.literal_eval(
+        re.search(r'install_requires=(\[.*?\])', SETUP, re.DOTALL).group(1))}
+    needed = {DISTRIBUTIONS.get(name, name) for name in imported('somfusion_ros')
+              if not is_ros(name)}
+    assert needed == required
+    keys = {e.text for e in MANIFEST if e.tag == 'exec_depend' and e.text.startswith('python3-')}
+    assert keys == {KEYS.get(name, f'python3-{name}') for name in required - WITHOUT_KEY}
+    readme = (ROOT / 'README.md').read_text(encoding='utf-8')
+    table = readme[readme.index('## Dependencies'):readme.index('| `ros` extra')]
+    by_row = [re.split(', ', row) for row in re.findall(r'^\| ([\w., -]+) \|', table, re.M)]
+    assert {name for row in by_row for name in row if name.strip()} == required
+    by_pip = re.search(r'^pip install (.*?) "numpy', readme, re.MULTILINE).group(1).split()
+    assert set(by_pip) == WITHOUT_KEY
 
 
 def test_versions_are_equal() -> None:

@@ -12,16 +12,10 @@ from collections.abc import Collection, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 import struct
-import sys
 from typing import Any, BinaryIO, NamedTuple
 
-from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.typesys import get_typestore, Stores
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from somfusion_ros.io.bags.compression import unpacked_chunk
 
 MAGIC = b'\x89MCAP0\r\n'
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x03, 0x04, 0x05, 0x06
@@ -113,15 +107,7 @@ def _unpacked(chunk: bytes) -> bytes:
     if len(chunk) < 32:
         return b''
     compression, at = _text(chunk, 28)
-    data = chunk[at + 8:]
-    try:
-        if compression == 'zstd':
-            return zstd.ZstdDecompressor().decompress(data, LARGEST_RECORD)
-        if compression == 'lz4':
-            return bytes(LZ4FrameDecompressor().decompress(data, LARGEST_RECORD))
-    except (RuntimeError, zstd.ZstdError):
-        return b''
-    return data if not compression else b''
+    return unpacked_chunk(chunk[at + 8:], compression, LARGEST_RECORD)
 
 
 def _text(content: bytes, at: int) -> tuple[str, int]:

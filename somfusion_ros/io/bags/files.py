@@ -2,24 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files that make up a bag: with metadata or without, split, compressed."""
 
-from collections.abc import Sequence
 from pathlib import Path
 import re
-import shutil
-import sys
-from typing import Any
 
+from somfusion_ros.io.bags.compression import PACKED
 from somfusion_ros.io.errors import InputError
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
-
 SUFFIXES = ('.mcap', '.db3', '.bag')
-PACKED = '.zstd'
-ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-MOST_UNPACKED = 64 * 2 ** 20   # [bytes] of one message
 
 
 class BagError(InputError):
@@ -70,27 +59,3 @@ def is_storage(file: Path) -> bool:
 def split_name(file: Path) -> str:
     """Name of a file without the number that it has as part of a split recording."""
     return re.sub(r'_\d+$', '', file.name.removesuffix(PACKED).rpartition('.')[0])
-
-
-def unpacked(files: Sequence[Path], folder: Path) -> list[Path]:
-    """Return files as they can be read: those that are compressed as a whole go into a folder."""
-    found = []
-    for file in files:
-        if file.suffix != PACKED:
-            found.append(file)
-            continue
-        target = folder / file.name.removesuffix(PACKED)
-        with zstd.open(file, 'rb') as source, target.open('wb') as sink:
-            shutil.copyfileobj(source, sink)
-        found.append(target)
-    return found
-
-
-def unpacked_message(raw: Any) -> Any:
-    """Return the bytes of a message, decompressed if need be; ValueError if too large."""
-    if bytes(raw[:4]) != ZSTD_MAGIC:
-        return raw
-    found = zstd.ZstdDecompressor().decompress(bytes(raw), MOST_UNPACKED)
-    if len(found) >= MOST_UNPACKED:
-        raise ValueError(f'a compressed message holds over {MOST_UNPACKED} bytes')
-    return found

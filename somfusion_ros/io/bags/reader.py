@@ -9,9 +9,9 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
+from somfusion_ros.io.bags.compression import unpacked, unpacked_message
 from somfusion_ros.io.bags.cut_mcap import CutMcap
-from somfusion_ros.io.bags.files import (BagError, resolve, storage_files, unpacked,
-                                         unpacked_message)
+from somfusion_ros.io.bags.files import BagError, resolve, storage_files
 from somfusion_ros.io.errors import reason_of
 
 __all__ = ['BagError', 'BagReader']
