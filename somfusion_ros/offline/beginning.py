@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a replay goes on from: a checkpoint of an earlier run, or a map to localise in."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,16 +19,27 @@ DRAWN = ('.yaml', '.yml')   # endings of a map as map_server has it
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """A map to start in, None for a new one, and how."""
+    """
+    A map to start in, None for a new one, and how.
+
+    flaws: what of its file had to be left out, by kind, each with a sentence.
+    """
 
     checkpoint: Checkpoint | None = None
     start: Start = field(default_factory=Start)
+    flaws: Mapping[str, str] = field(default_factory=dict)
+
+    def counted(self, count: Callable[[str, str], object]) -> 'Beginning':
+        """Count what had to be left out; return this beginning."""
+        for kind, reason in self.flaws.items():
+            count(kind, reason)
+        return self
 
 
 def from_state(path: str | Path) -> Beginning:
     """Return how to go on from a state file, wherever the robot is; a new map if there is none."""
     try:
-        return Beginning(_load(path), Start(anywhere=True))
+        return _load(path, Start(anywhere=True))
     except FileNotFoundError:
         return Beginning()
 
@@ -40,7 +52,7 @@ def from_map(path: str | Path) -> Beginning:
     """
     try:
         if Path(path).suffix.lower() not in DRAWN:
-            return Beginning(_load(path), Start(anywhere=True, localization=True))
+            return _load(path, Start(anywhere=True, localization=True))
     except FileNotFoundError:
         raise InputError(f'{path} does not exist') from None
     try:
@@ -56,9 +68,10 @@ def from_grid(grid: Grid) -> Beginning:
     return Beginning(grid_checkpoint(grid), Start(anywhere=True, localization=True, drawn=grid))
 
 
-def _load(path: str | Path) -> Checkpoint:
+def _load(path: str | Path, start: Start) -> Beginning:
     """Read a state file; OSError where it cannot be read, InputError where it holds no state."""
+    flaws: dict[str, str] = {}
     try:
-        return load_checkpoint(path)
+        return Beginning(load_checkpoint(path, flaws.__setitem__), start, flaws)
     except ValueError as error:
         raise InputError(str(error)) from error

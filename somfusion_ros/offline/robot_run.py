@@ -76,6 +76,8 @@ def run_robot(log: Log, config: SlamConfig | None = None,
     """
     started, milliseconds = time.perf_counter(), []
     faults = FaultLog()
+    if beginning is not None:
+        beginning.counted(faults)
     session = Session(config or SlamConfig(), PATIENCE, faults, background=False,
                       capacity=MOST_WAITING,
                       checkpoint=beginning.checkpoint if beginning else None,

@@ -7,12 +7,13 @@ What did not change since the last checkpoint is not written again. Where a reco
 view loses its surface, or its constraint is made of the poses; the map stays.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam.checkpoint import Checkpoint
-from somfusion_ros.slam.checkpoint_reader import assemble, CLOSED, OPENED
+from somfusion_ros.slam.checkpoint_reader import assemble, CLOSED, Flaws, OPENED
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.journal import Journal, open_file, Opener, packed
@@ -34,9 +35,9 @@ class CheckpointFile:
         self._whole = 0                # length [bytes] of the file when it was written anew
         self._forget()
 
-    def load(self) -> tuple[Checkpoint, int]:
+    def load(self) -> tuple[Checkpoint, Flaws]:
         """
-        Return the newest checkpoint, and how many stretches of the file are damaged.
+        Return the newest checkpoint, and what of the file was left out.
 
         FileNotFoundError where there is no file; ValueError, naming it, where nothing in it can
         be used.
@@ -129,18 +130,22 @@ def save_checkpoint(path: str | Path, checkpoint: Checkpoint) -> None:
         file.close()
 
 
-def load_checkpoint(path: str | Path) -> Checkpoint:
+def load_checkpoint(path: str | Path,
+                    count: Callable[[str, str], object] = lambda kind, reason: None) -> Checkpoint:
     """
-    Read the newest checkpoint of a file.
+    Read the newest checkpoint of a file; what had to be left out is counted, with its sentence.
 
     FileNotFoundError where there is none; ValueError, naming the file, where nothing in it can be
     used.
     """
-    return _read(Path(path).expanduser())[0]
+    path = Path(path).expanduser()
+    checkpoint, flaws = _read(path)
+    flaws.count(path, count)
+    return checkpoint
 
 
-def _read(path: Path) -> tuple[Checkpoint, int]:
-    """Return the newest checkpoint, and how many stretches of the file are damaged."""
+def _read(path: Path) -> tuple[Checkpoint, Flaws]:
+    """Return the newest checkpoint, and what of the file was left out."""
     try:
         return assemble(path.read_bytes())
     except ValueError as error:

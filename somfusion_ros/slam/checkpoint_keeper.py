@@ -40,7 +40,7 @@ class CheckpointKeeper:
             return None
         path = self._file.path
         try:
-            checkpoint, damaged = self._file.load()
+            checkpoint, flaws = self._file.load()
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
@@ -49,9 +49,7 @@ class CheckpointKeeper:
             return None
         self._holds = checkpoint.closed and self._mark(False)
         checkpoint = replace(checkpoint, closed=self._holds)   # a crash would not be noticed else
-        if damaged:
-            self._count('state_damaged', f'{path} is damaged in {damaged} places, which are left '
-                        'out of the map')
+        flaws.count(path, self._count)
         self._say(f'goes on from {len(checkpoint.poses)} views of {path}')
         return checkpoint
 

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints of records: the newest whole one, with what is damaged left out or made good."""
 
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from somfusion_ros.geometry import Array, between
@@ -12,10 +15,13 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.journal import DAMAGED, records
 from somfusion_ros.slam.map_scans import MapScan
+from somfusion_ros.slam.record_fault import record_fault
 from somfusion_ros.slam.scan import Cloud
 from somfusion_ros.slam.tracker_state import SHAPES, TrackerState
 
 OPENED, CLOSED = 'open', 'shut'    # kinds of records: more may be told of the map, or nothing
+RECORDS = {'view': 'a view', 'pair': 'a constraint', 'scan': 'a scan', 'drop': 'dropped scans',
+           'void': 'empty views', 'path': 'the trail', 'now': 'a checkpoint'}
 MADE_GOOD = np.diag([0.05, 0.05, 0.02]) ** 2   # covariance of a constraint made of the poses
 
 
@@ -30,33 +36,60 @@ class _Read:
     newest: Checkpoint | None = None
     closed: bool = False
     damaged: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
 
 
-def assemble(data: bytes) -> tuple[Checkpoint, int]:
+@dataclass(frozen=True)
+class Flaws:
     """
-    Return the newest checkpoint of a journal, and how many stretches of it are damaged.
+    What of a journal was left out.
+
+    damaged: stretches of it with a wrong checksum; refused: records with a right one that hold
+    what cannot be, by what that is.
+    """
+
+    damaged: int
+    refused: Mapping[str, int]
+
+    def count(self, path: Path, count: Callable[[str, str], object]) -> None:
+        """Count each kind of flaw of a file once, with its sentence."""
+        if self.damaged:
+            count('state_damaged', f'{path} is damaged in {self.damaged} places, which are left '
+                  'out of the map')
+        if self.refused:
+            what = ', '.join(f'{wrong} ({n})' for wrong, n in sorted(self.refused.items()))
+            count('state_records_refused', f'{path} holds what cannot be, which is left out of '
+                  f'the map, though its checksums are right: {what}')
+
+
+def assemble(data: bytes) -> tuple[Checkpoint, Flaws]:
+    """
+    Return the newest checkpoint of a journal, and what of it was left out.
 
     ValueError where there is none.
     """
     read = _Read()
     for kind, arrays in records(data):
-        try:
-            _take(read, kind, arrays)
-        except DAMAGED:
+        if kind == 'bad':
             read.damaged += 1
+            continue
+        try:
+            wrong = record_fault(arrays)
+            if not wrong:
+                _take(read, kind, arrays)
+        except DAMAGED:
+            wrong = 'what does not fit together'
+        if wrong:
+            read.refused[f'{RECORDS.get(kind, "a record")}: {wrong}'] += 1
     if read.newest is None:
         raise ValueError('it holds no checkpoint')
-    newest = replace(read.newest, closed=read.closed and not read.damaged)
-    return _made_good(read, newest), read.damaged
+    flaws = Flaws(read.damaged, read.refused)
+    newest = replace(read.newest, closed=read.closed and flaws == Flaws(0, {}))
+    return _made_good(read, newest), flaws
 
 
 def _take(read: _Read, kind: str, a: dict[str, Array]) -> None:
     """Add one record; raise one of DAMAGED where it does not fit."""
-    if kind == 'bad':
-        read.damaged += 1
-        return
-    if not all(np.isfinite(value).all() for value in a.values()):
-        raise ValueError('it holds what is no number')
     if kind == 'view':
         read.views[int(a['k'])] = float(a['stamp']), _cloud(a)
     elif kind == 'pair':

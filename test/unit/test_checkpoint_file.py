@@ -13,14 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from somfusion_ros.geometry import between, compose
+from somfusion_ros.geometry import Array, between, compose
+from somfusion_ros.offline.beginning import from_state
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import (CheckpointFile, load_checkpoint,
                                                 save_checkpoint)
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.checkpoint_reader import assemble
 from somfusion_ros.slam.constraint import Constraint
-from somfusion_ros.slam.journal import JournalInUse
+from somfusion_ros.slam.journal import JournalInUse, packed, records
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import cloud
@@ -254,8 +255,8 @@ def test_one_flipped_bit_costs_at_most_the_last_interval(
         written: tuple[bytes, Checkpoint], at: float, bit: int) -> None:
     data, before = bytearray(written[0]), written[1]
     data[int(at * len(data))] ^= 1 << bit
-    found, damaged = assemble(bytes(data))
-    assert damaged <= 2
+    found, flaws = assemble(bytes(data))
+    assert flaws.damaged <= 2 and not flaws.refused
     n = len(before.poses)
     assert len(found.poses) >= n
     assert np.allclose(found.poses[:n], before.poses, atol=0.05)
@@ -273,6 +274,72 @@ def test_a_torn_write_costs_at_most_the_last_interval(
     found, _ = assemble(data[:len(data) - int((1.0 - share) * 2000)])
     assert len(found.poses) >= len(before.poses)
     assert found.graph().ekf.n == len(found.poses)
+
+
+ABSURD = {
+    'no number': lambda array: np.full(array.shape, np.nan),
+    'infinite': lambda array: np.full(array.shape, np.inf),
+    'huge': lambda array: np.full(array.shape, 1e30),
+    'huge and whole': lambda array: np.full(array.shape, 2 ** 60),
+    'complex': lambda array: array.astype(complex),
+    'text': lambda array: np.full(array.shape, b'word'),
+    'too short': lambda array: array.reshape(-1)[:len(array.reshape(-1)) // 2]}
+
+
+@pytest.mark.parametrize('wrong', ABSURD)
+@pytest.mark.parametrize('kind, name, told', [
+    ('view', 'ends', 'a view: '), ('view', 'reach', 'a view: '), ('view', 'hit', 'a view: '),
+    ('view', 'points', 'a view: '), ('view', 'stamp', 'a view: '),
+    ('scan', 'ends', 'a scan: '), ('scan', 'pose', 'a scan: '),
+    ('pair', 'R', 'a constraint: '), ('pair', 'z', 'a constraint: '),
+    ('path', 'rows', 'the trail: '), ('now', 'poses', 'a checkpoint: '),
+    ('now', 'P', 'a checkpoint: '), ('now', 'around', 'a checkpoint: ')])
+def test_a_record_that_holds_what_cannot_be_is_refused_by_name_and_costs_no_other(
+        written: tuple[bytes, Checkpoint], kind: str, name: str, told: str, wrong: str) -> None:
+    """Its checksum is right: another program wrote it, or a fault of this one."""
+    sound = list(records(written[0]))
+    last = max(k for k, (other, _) in enumerate(sound) if other == kind)
+    arrays = sound[last][1]
+    changed = ABSURD[wrong](arrays[name])
+    if (changed.size == 0 and name == 'around') or (wrong == 'huge and whole' and name == 'hit'):
+        return
+    sound[last] = kind, {**arrays, name: changed}
+    found, flaws = assemble(b''.join(packed(*record) for record in sound))
+    assert not flaws.damaged
+    assert wrong == 'too short' or len(flaws.refused) == 1    # what is short may fit nevertheless
+    assert all(what.startswith(told) and n == 1 for what, n in flaws.refused.items())
+    before = written[1] if kind == 'now' and flaws.refused else assemble(written[0])[0]
+    assert np.array_equal(found.poses, before.poses)
+    assert len(found.scans) >= len(before.scans) - 1
+    assert sum(len(cloud) == 0 for cloud in found.clouds) <= 1
+    assert np.isfinite(found.graph().ekf.block(1, 1)).all()
+
+
+@pytest.mark.parametrize('kind, wrong, told', [
+    ('view', {'ends': np.zeros((200_000, 2)), 'reach': np.zeros(200_000),
+              'hit': np.zeros(25_000, np.uint8)}, 'a view: too many ends'),
+    ('view', {'k': np.array(-1)}, 'a view: k beyond all measure'),
+    ('view', {'k': np.array([1, 2])}, 'a view: more than one k'),
+    ('view', {'hit': np.zeros(1, np.uint8)}, 'a view: hits that do not fit the beams'),
+    ('pair', {'R': np.zeros((3, 3))}, 'a constraint: R that is no covariance'),
+    ('pair', {'R': -np.eye(3)}, 'a constraint: R that is no covariance'),
+    ('pair', {'views': np.zeros(2)}, 'a constraint: views that are no numbers')])
+def test_absurd_counts_and_covariances_are_counted_and_said(
+        half: Slam, tmp_path: Path, kind: str, wrong: dict[str, Array], told: str) -> None:
+    path, counted = tmp_path / 'state.map', []
+    save_checkpoint(path, half.checkpoint())
+    sound = list(records(path.read_bytes()))
+    last = max(k for k, (other, _) in enumerate(sound) if other == kind)
+    sound[last] = kind, {**sound[last][1], **wrong}
+    path.write_bytes(b''.join(packed(*record) for record in sound))
+    found = load_checkpoint(path, lambda *given: counted.append(given))
+    assert np.array_equal(found.poses, half.views()[1])
+    assert counted == [('state_records_refused', f'{path} holds what cannot be, which is left out '
+                        f'of the map, though its checksums are right: {told} (1)')]
+    counted.clear()
+    keeper = CheckpointKeeper(str(path), 10.0, lambda *given: counted.append(given), print)
+    assert len(keeper.load().poses) == len(found.poses)
+    assert from_state(path).flaws == dict(counted) != {}
 
 
 def test_no_file_is_no_damage(tmp_path: Path) -> None:

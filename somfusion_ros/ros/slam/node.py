@@ -122,7 +122,7 @@ class SlamNode(ManagedNode):
         if config.mode == 'mapping':
             return Beginning(self._keeper.load())
         if config.map_file:
-            return from_map(Path(config.map_file).expanduser())
+            return from_map(Path(config.map_file).expanduser()).counted(self._count)
         self._last.awaited = f'no map on {self.resolve_topic_name(config.map_topic)} yet'
         return Beginning()
 

@@ -122,7 +122,7 @@ class Pipeline:
         """Go on from `<stem>.npz` in place of the present map; return what was done."""
         path = stem.with_name(f'{stem.name}.npz')
         try:
-            state = load_checkpoint(path)
+            state = load_checkpoint(path, self._count)
         except FileNotFoundError as error:
             raise ValueError(f'{path} does not exist') from error
         start = replace(self._beginning.start, drawn=None)
