@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a command leaves in its output folder: result.json, and every map with its evidence."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import json
 import math
 from pathlib import Path
@@ -25,7 +25,12 @@ SAID = 200     # characters, at most, of what a library says of a damaged file
 
 
 def fusion_record(fusion: 'Fusion') -> dict[str, Any]:
-    """Describe a fusion for result.json: pairs, transforms, unconnected, verification_index."""
+    """
+    Describe a fusion for result.json: pairs, transforms, unconnected, verification_index.
+
+    map_of: whose maps the joint map shows; groups: which are joined with one another, the largest
+    group first; map_note: what a reader of the joint map would take for granted wrongly, or ''.
+    """
     bonds = ({frozenset(bond.pair): bond for bond in fusion.elastic.bonds} if fusion.elastic
              else {})
     return {
@@ -35,7 +40,24 @@ def fusion_record(fusion: 'Fusion') -> dict[str, Any]:
         'unconnected': list(fusion.unconnected),
         'verification_index': fusion.verification_index,
         'dropped': [item.reason for item in fusion.solution.dropped],
+        'map_of': list(fusion.world),
+        'groups': [list(group) for group in fusion.solution.groups],
+        'map_note': map_note([list(group) for group in fusion.solution.groups]),
     }
+
+
+def map_note(groups: Sequence[Sequence[str]]) -> str:
+    """Say which of the maps are not in the joint map, and where they are; '' if all are in it."""
+    shown, *others = groups
+    if not others:
+        return ''
+    alone = len(shown) == 1
+    note = (f'no maps were joined: the joint map is that of {shown[0]} alone, the first by name'
+            if alone else f'the joint map is that of {", ".join(shown)}')
+    apart = ', '.join(f'{name} in {name}/map.yaml' for group in others for name in group)
+    also = [' and '.join(group) for group in others if len(group) > 1]
+    return f'{note}; not in it: {apart}' + (
+        f'; joined with one another, but not drawn: {"; ".join(also)}' if also else '')
 
 
 def pair_record(pair: 'PairResult') -> dict[str, Any]:

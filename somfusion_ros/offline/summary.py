@@ -29,11 +29,8 @@ def tell_fusion(record: dict[str, Any], map_path: str) -> None:
             say(f'world -> {robot}: {pose_text(pose)}')
         say(f'V of the whole: {number_text(record["verification_index"], ".1f", " %")}; '
             f'global map of {", ".join(record["transforms"])}: {map_path}')
-    elif record['pairs']:
-        say(f'no maps were joined; {map_path} is the map of {next(iter(record["transforms"]))} '
-            'alone')
-    if record['unconnected'] and len(record['transforms']) > 1:
-        say(f'not connected: {", ".join(record["unconnected"])}')
+    if record['map_note']:
+        say(f'{map_path}: {record["map_note"]}')
 
 
 def tell_pair(pair: dict[str, Any]) -> None:

@@ -83,7 +83,12 @@ def test_strangers_are_refused_and_it_ran(tmp_path: Path, capsys: pytest.Capture
     assert record['pairs'][0]['reason']
     assert list(record['transforms']) == ['room'] or list(record['transforms']) == ['dome']
     assert len(record['unconnected']) == 1
-    assert 'no maps were joined' in capsys.readouterr().out
+    (shown,), (other,) = record['groups']
+    assert record['map_of'] == [shown]
+    assert record['map_note'] == (
+        f'no maps were joined: the joint map is that of {shown} alone, the first by name; '
+        f'not in it: {other} in {other}/map.yaml')
+    assert f'{out / "map.yaml"}: {record["map_note"]}\n' in capsys.readouterr().out
 
 
 @pytest.mark.slow

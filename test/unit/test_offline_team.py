@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
-from somfusion_ros.io.result import fusion_record
+from somfusion_ros.io.result import fusion_record, map_note
 from somfusion_ros.simulation.floor_plan import corridor, office
 from somfusion_ros.team.offline import fuse, Fusion
 
@@ -73,3 +73,14 @@ def test_record_names_everything(fused: Fusion) -> None:
     assert set(record['transforms']) == {'anna', 'ben', 'carl'}
     assert record['unconnected'] == ['zoe']
     assert len(record['pairs']) == 6
+    assert set(record['map_of']) == {'anna', 'ben', 'carl'}
+    assert record['map_note'] == (f'the joint map is that of {", ".join(record["map_of"])}; '
+                                  'not in it: zoe in zoe/map.yaml')
+
+
+def test_two_groups_are_told_apart() -> None:
+    """The map shows one of them; nobody is to think that the others were joined to nothing."""
+    assert map_note([['a', 'b']]) == map_note([['a']]) == ''
+    assert map_note([['a', 'b'], ['c', 'd'], ['e']]) == (
+        'the joint map is that of a, b; not in it: c in c/map.yaml, d in d/map.yaml, e in '
+        'e/map.yaml; joined with one another, but not drawn: c and d')

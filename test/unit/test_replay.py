@@ -98,6 +98,7 @@ def test_the_global_map_holds_both(result: tuple[Path, dict]) -> None:
 def test_one_robot_alone(bags: tuple, tmp_path: Path) -> None:
     record = replay(bags[0][:1], tmp_path)
     assert record['pairs'] == record['unconnected'] == []
+    assert (record['map_of'], record['map_note']) == (['robot1'], '')
     assert record['transforms'] == {'robot1': {'x': 0.0, 'y': 0.0, 'theta': 0.0}}
     assert record['verification_index'] is None
     assert (tmp_path / 'map.yaml').exists()
