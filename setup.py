@@ -3,6 +3,7 @@
 """Build the package, for colcon (ament_python) and for pip."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,11 +13,20 @@ setup(
     name=NAME,
     version='0.1.0',
     description='Decentralised multi-robot 2-D SLAM: EKF mapping, SOM map fusion.',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     author='The somfusion_ros authors',
     maintainer='The somfusion_ros authors',
     maintainer_email='somfusion@example.org',
     license='Apache-2.0',
     keywords=['ROS', 'SLAM', 'multi-robot', 'map merging'],
+    classifiers=[
+        'License :: OSI Approved :: Apache Software License',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Topic :: Scientific/Engineering',
+        'Typing :: Typed',
+    ],
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={'': ['py.typed', '*.json']},
     data_files=[

@@ -11,9 +11,11 @@ dataclass beside the stage.
 
 from dataclasses import Field, field, fields
 import math
+import re
 from typing import Any
 
 KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+NAME = re.compile(r'[~/]*([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?')
 PLURALS = {float: 'numbers', str: 'texts'}
 
 
@@ -30,17 +32,17 @@ class SettingError(ValueError):
 
 def parameter(default: Any, unit: str, low: float | None, high: float | None,
               description: str, live: bool = False, words: bool = False,
-              among: tuple[str, ...] = ()) -> Any:
+              among: tuple[str, ...] = (), name: bool = False) -> Any:
     """
     Make a dataclass field that carries its unit, range (None: open) and sentence.
 
     live: a node takes changes of it while it runs, even where its class is read at the start;
     words: a list of words, which may come as one text, separated by blanks or commas;
-    among: the texts of which it is one.
+    among: the texts of which it is one; name: of a robot or a topic, as ROS allows it.
     """
     return field(default=default, metadata={
         'unit': unit, 'low': low, 'high': high, 'description': description, 'live': live,
-        'words': words, 'among': among})
+        'words': words, 'among': among, 'name': name})
 
 
 def span(item: Field[Any]) -> str:
@@ -79,6 +81,11 @@ def validate(config: Any) -> None:
 def _check(item: Field[Any], value: Any) -> None:
     """Raise SettingError if a value leaves its range or its choice."""
     low, high, among = (item.metadata[key] for key in ('low', 'high', 'among'))
+    texts = value if isinstance(value, tuple) else (value,)
+    words = [word for text in texts for word in re.split(r'[\s,]+', text)
+             ] if item.metadata['words'] else texts
+    if item.metadata['name'] and not all(NAME.fullmatch(word) for word in words):
+        raise _refusal(item, value)
     numeric = isinstance(value, (int, float)) and not isinstance(value, bool)
     if (among and value not in among) or (numeric and (
             (low is not None and not value >= low) or (high is not None and not value <= high))):
@@ -101,6 +108,8 @@ def _refusal(item: Field[Any], value: Any) -> SettingError:
         KINDS[type(default)])
     if item.metadata['among']:
         allowed = f'one of {", ".join(item.metadata["among"])}'
+    if item.metadata['name']:
+        allowed += ' of letters, digits, _ and /'
     within = f' in {span(item)}' if span(item) else ''
     told = list(value) if isinstance(value, tuple) else value
     return SettingError(item.name, f'= {told!r} must be {allowed}{within}')

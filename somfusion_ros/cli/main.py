@@ -27,6 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(arguments: Sequence[str] | None) -> int:
     """Run a command to its end; return 0 when it ran, 2 on bad usage or input."""
     from somfusion_ros.io.console import complain
+    from somfusion_ros.io.errors import sentence
     described = parser()
     options, more = described.parse_known_args(arguments)
     if more and options.command != 'watch':
@@ -38,13 +39,6 @@ def run(arguments: Sequence[str] | None) -> int:
         complain(f'somfusion {options.command}: {sentence(error)}')
         return BAD_INPUT
     return 0
-
-
-def sentence(error: ValueError | OSError) -> str:
-    """Return what an error says, without the number of the system's errors."""
-    if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f'{error.filename}: {error.strerror}'
-    return str(error)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -8,6 +8,7 @@ import os
 import sys
 
 from somfusion_ros.cli.options import Commands
+from somfusion_ros.io.errors import NO_ROS
 
 
 def add(commands: Commands) -> None:
@@ -20,6 +21,6 @@ def add(commands: Commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Become `watch`, which needs ROS as nothing else here does."""
     if importlib.util.find_spec('rclpy') is None:
-        raise ValueError('rclpy is missing: source ROS 2 Jazzy, or pip install somfusion_ros[ros]')
+        raise ValueError(f'rclpy is missing: {NO_ROS}')
     os.execv(sys.executable, [sys.executable, '-m', 'somfusion_ros.ros.apps.watch',
                               *options.more])

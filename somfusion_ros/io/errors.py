@@ -5,8 +5,18 @@
 LONGEST = 160   # characters of a reason; libraries tell whole dictionaries
 
 
+NO_ROS = "source ROS 2 Jazzy, or pip install 'somfusion_ros[ros]'"
+
+
 class InputError(ValueError):
     """A file, a folder or a parameter cannot be used; one line that names it and what is wrong."""
+
+
+def sentence(error: ValueError | OSError) -> str:
+    """Return what an error says, without the number of the system's errors."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f'{error.filename}: {error.strerror}'
+    return str(error)
 
 
 def reason_of(error: Exception) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from somfusion_ros import __version__
 from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.geometry import Array
 from somfusion_ros.io.bags.log import BagOptions, Log, open_log, robots_in
 from somfusion_ros.io.console import complain, say
 from somfusion_ros.io.errors import InputError, reason_of
@@ -22,7 +23,7 @@ from somfusion_ros.offline.fusing import draw, fuse_with_progress
 from somfusion_ros.offline.result_bag import period_of, write_replay_bag
 from somfusion_ros.offline.robot_run import RobotRun
 from somfusion_ros.offline.robot_runs import run_robots
-from somfusion_ros.offline.summary import tell_fusion, tell_robot
+from somfusion_ros.offline.summary import tell_found, tell_fusion, tell_robot
 from somfusion_ros.slam.checkpoint_file import save_checkpoint
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.team.joint_map import along, draw_joint
@@ -30,6 +31,8 @@ from somfusion_ros.team.offline import Fusion
 from somfusion_ros.team.view_facts import heard
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import told_bytes
+
+STRIDE = 0.2   # [m] of way that counts at once
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,8 @@ def save_team(folder: Path, runs: Mapping[str, RobotRun], options: ReplayOptions
               'seconds': time.perf_counter() - started}
     write_result(folder, record)
     tell_fusion(record, str(folder / 'map.yaml'))
+    if beginning and beginning.checkpoint:
+        tell_found(record)
     if options.pictures and len(runs) > 1:
         draw(folder, fusion)
     if options.bag:
@@ -191,6 +196,16 @@ def found_record(run: RobotRun, beginning: Beginning) -> dict[str, Any]:
             'found_transform': {'x': x, 'y': y, 'theta': theta}}
 
 
+def driven(poses: Array) -> float:
+    """Return the way [m] along poses (n, 3), in steps of STRIDE, so that standing adds nothing."""
+    way, last = 0.0, poses[0]
+    for pose in poses[1:]:
+        step = float(np.hypot(*(pose - last)[:2]))
+        if step >= STRIDE:
+            way, last = way + step, pose
+    return way
+
+
 def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
     """Write one robot's map and trajectories; return its part of result.json."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -208,7 +223,7 @@ def save_robot(folder: Path, run: RobotRun) -> dict[str, Any]:
         'scans': len(ms),
         'views': len(run.views),
         'view_bytes': told_bytes(run.facts),
-        'distance': float(np.hypot(*np.diff(run.views[:, :2], axis=0).T).sum()),
+        'distance': driven(run.poses),
         'recorded_seconds': run.recorded,
         'seconds': run.seconds,
         'real_time_factor': run.recorded / max(run.seconds, 1e-9),

@@ -29,8 +29,17 @@ def tell_fusion(record: dict[str, Any], map_path: str) -> None:
             say(f'world -> {robot}: {pose_text(pose)}')
         say(f'V of the whole: {number_text(record["verification_index"], ".1f", " %")}; '
             f'global map of {", ".join(record["transforms"])}: {map_path}')
+    elif not record['pairs']:
+        say(f'map: {map_path}')
     if record['map_note']:
         say(f'{map_path}: {record["map_note"]}')
+
+
+def tell_found(record: dict[str, Any]) -> None:
+    """Report after how many metres a robot was found in the map that it began in."""
+    metres = record['found_after_m']
+    say('it was not found in the map that it began in: its trajectory is in a frame of its own'
+        if metres is None else f'found in the map that it began in after {metres:.1f} m')
 
 
 def tell_pair(pair: dict[str, Any]) -> None:

@@ -9,16 +9,29 @@ stopped at once, ends the process with status 0 and without a traceback.
 
 from importlib import import_module
 import os
+from pathlib import Path
 import signal
 import sys
 from typing import Any
 
+from somfusion_ros.io.errors import NO_ROS
+
 
 def start(module: str) -> int:
-    """Import a node's module, heed signals from the first moment on, and run its `main`."""
+    """
+    Import a node's module, heed signals from the first moment on, and run its `main`.
+
+    One line, and status 1, where ROS cannot be imported.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, leave)
-    main: Any = import_module(module).main
+    try:
+        main: Any = import_module(module).main
+    except ImportError as error:
+        if (error.name or '').startswith('somfusion_ros'):
+            raise
+        sys.stderr.write(f'{Path(sys.argv[0]).name}: {error}: {NO_ROS}\n')
+        return 1
     return int(main())
 
 

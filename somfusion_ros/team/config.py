@@ -27,7 +27,8 @@ class TeamConfig:
     world_anchor: str = parameter(
         '', '', None, None,
         'Robot whose map frame is world wherever it is connected, so that its world never moves; '
-        'the same on every robot. Empty: of the connected robots the one whose name sorts first.')
+        'the same on every robot. Empty: of the connected robots the one whose name sorts first.',
+        name=True)
     robot_radius: float = parameter(
         0.35, 'm', 0.0, 10.0,
         "Walls within this distance of a robot's path, which its own map shows as free, are taken "

@@ -28,6 +28,7 @@ from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
 from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
+from somfusion_ros.ros.apps import player  # noqa: E402
 from somfusion_ros.ros.apps.recording import Recording  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
@@ -307,6 +308,20 @@ def test_the_player_plays_what_can_be_read_of_a_bag_that_is_spoilt(tmp_path: Pat
 def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
     logging.getLogger('somfusion_ros').warning('unheard')
     assert 'unheard' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('robots', 'told'), [
+    (['a', 'a'], 'robots a, a: each needs a name of its own'), (['a'], '1 robots for 2 bags'),
+    (['a', 'b-c'], 'Invalid topic name')])
+def test_robots_that_cannot_be_are_refused_by_the_player_in_a_line(
+        robots: list[str], told: str, tmp_path: Path, ros_domain: int,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    bags = [str(tmp_path / name) for name in ('one', 'two')]
+    for bag in bags:
+        write_fake_bag(Path(bag), every=20)
+    assert player.main([*bags, '--wait', '0', '--robots', *robots]) == 1
+    (line,) = capfd.readouterr().err.splitlines()
+    assert told in line
 
 
 def test_a_bag_that_is_none_is_said_by_the_player(tmp_path: Path) -> None:

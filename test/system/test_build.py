@@ -16,7 +16,8 @@ import pytest
 
 pytestmark = [pytest.mark.system, pytest.mark.newest]
 PARTS = ('somfusion_ros', 'config', 'launch', 'resource', 'test', 'setup.py', 'setup.cfg',
-         'package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE')
+         'package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE', 'MANIFEST.in', 'Makefile', 'doc',
+         'benchmarks', 'scripts', '.ci', 'CONTRIBUTING.md', 'CITATION.cff')
 EXECUTABLES = {'fusion_node', 'player', 'slam_node', 'somfusion'}
 
 
@@ -60,7 +61,8 @@ def test_wheel_and_source_archive_hold_the_package(source: Path) -> None:
             'share/somfusion_ros/package.xml'} <= shared
     with tarfile.open(archive) as packed:
         inside = {name.partition('/')[2] for name in packed.getnames()}
-    assert modules() | {'setup.py'} <= inside
+    assert modules() | {'setup.py', 'Makefile', 'doc/architecture.md', 'test/support/helpers.py',
+                        'benchmarks/figures.py', 'scripts/make_constants.py'} <= inside
 
 
 def test_colcon_builds_and_tests_the_package(source: Path) -> None:

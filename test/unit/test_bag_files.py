@@ -110,6 +110,16 @@ def test_files_of_two_bags_in_a_folder_are_not_one(good: Path, tmp_path: Path) -
         open_log(tmp_path)
 
 
+def test_a_folder_of_bags_names_one_of_them(good: Path, tmp_path: Path) -> None:
+    """Also where each robot has a folder with the bag in it, as `simulate` writes them."""
+    shutil.copytree(good, tmp_path / 'all' / 'robot1' / 'bag')
+    with pytest.raises(BagError, match='name those that it holds, such as .*all/robot1$'):
+        open_log(tmp_path / 'all')
+    shutil.copytree(good, tmp_path / 'all' / 'day')
+    with pytest.raises(BagError, match='such as .*all/day$'):
+        open_log(tmp_path / 'all')
+
+
 def test_a_split_recording_whose_last_part_is_cut_off(tmp_path: Path) -> None:
     write_fake_bag(tmp_path / 'good', every=4)
     folder = tmp_path / 'bag'

@@ -19,6 +19,7 @@ from somfusion_ros.cli.main import main
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.io.errors import InputError
 from somfusion_ros.io.parameters import make, read_parameters
+from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
 from somfusion_ros.slam.config import SlamConfig
 
 COMMAND = [sys.executable, '-m', 'somfusion_ros.cli.main']
@@ -123,6 +124,29 @@ def test_an_interrupted_replay_leaves_one_line_and_no_process(whole_group: bool,
     assert (process.returncode, *said) == (130, '', 'somfusion: interrupted\n')
 
 
+def test_nodes_say_in_one_line_that_ros_is_missing() -> None:
+    """As after `pip install .`; of this package's own faults, the traceback is kept."""
+    code = """
+import sys
+from importlib import abc
+class NoRos(abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in ('rclpy', 'builtin_interfaces', 'geometry_msgs'):
+            raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+sys.meta_path.insert(0, NoRos())
+from somfusion_ros.ros import start
+sys.argv, node = ['bin/node'], sys.argv[1]
+sys.exit(getattr(start, node)())
+"""
+    for which in ('slam_node', 'fusion_node', 'player'):
+        done = subprocess.run([sys.executable, '-c', code, which],
+                              capture_output=True, text=True, timeout=60, env=ENVIRONMENT)
+        assert done.returncode == 1
+        assert len(done.stderr.splitlines()) == 1
+        assert done.stderr.startswith('node: No module named ')
+        assert 'source ROS 2 Jazzy' in done.stderr
+
+
 @pytest.mark.parametrize('text, message', [
     ('resolution: 0.1', 'not a ROS 2 parameter file'),
     ('- 1', 'not a ROS 2 parameter file'),
@@ -143,7 +167,9 @@ def test_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
 @pytest.mark.parametrize('wrong', [
     'resolution: 100.0', 'odometry_source: wheels', 'laser_pose: [1.0]', 'peers: [1]',
     'initial_poses: [robot1 1 2]', 'use_peers: 1', 'seeds: 1.5', 'method: sam',
-    'map_update_interval: .nan', 'mode: localization', 'resolution: true'])
+    'map_update_interval: .nan', 'robot_name: a b', 'map_topic: a!', 'peers: robot-2',
+    'scan_topics: "front/scan, b!"', 'world_anchor: 2nd', 'mode: localization',
+    'resolution: true'])
 def test_a_bad_value_is_told_with_file_and_node(tmp_path: Path, wrong: str) -> None:
     """Also of a parameter that the command does not use: the node would not start with it."""
     good, bad = tmp_path / 'good.yaml', tmp_path / 'bad.yaml'
@@ -153,6 +179,14 @@ def test_a_bad_value_is_told_with_file_and_node(tmp_path: Path, wrong: str) -> N
         read_parameters([good, bad])
     assert str(error.value).startswith(f'{bad} (/**/slam_node): {wrong.partition(":")[0]} ')
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_names_of_robots_and_topics_are_taken() -> None:
+    values = {'robot_name': 'fleet/robot7', 'robot_map_topic': '~/map', 'merged_map_topic': '/all',
+              'peers': 'robot2, fleet/robot3', 'map_topic': ''}
+    assert make(FusionNodeConfig, values).peers == ('robot2', 'fleet/robot3')
+    assert make(SlamNodeConfig, {'scan_topics': ['front/scan back/scan']}).scan_topics == (
+        'front/scan', 'back/scan')
 
 
 @pytest.mark.parametrize('value', ['fine', 0.0, -1, True, float('nan')])

@@ -56,14 +56,19 @@ def assert_in_map(record: dict[str, Any], output: Path, start: Array, bag: Path)
     assert pose_error(poses[-1], compose(start, own[k]))[0] < 0.1
 
 
-def test_a_run_goes_on_in_the_map_of_another_day(first: tuple[Path, Path, Array],
-                                                 tmp_path: Path) -> None:
+def test_a_run_goes_on_in_the_map_of_another_day(
+        first: tuple[Path, Path, Array], tmp_path: Path,
+        capsys: pytest.CaptureFixture[str]) -> None:
     folder, bag, start = first
     state = tmp_path / 'state'
     state.write_bytes((folder / 'state').read_bytes())
     before = load_checkpoint(state)
     record = replayed(bag, tmp_path / 'out', '--state', str(state))
     assert_in_map(record, tmp_path / 'out', start, bag)
+    assert f'after {record["found_after_m"]:.1f} m' in capsys.readouterr().out
+    alone = json.loads((bag.parent / 'alone' / 'result.json').read_text())
+    driven = record['robots']['robot1']['distance']     # of this run, not of all the map's views
+    assert driven == pytest.approx(alone['robots']['robot1']['distance'], rel=0.05)
     after = load_checkpoint(state)
     assert len(after.trail) > len(before.trail)
     assert pose_error(after.poses[5], before.poses[5])[0] < 0.05
@@ -98,6 +103,7 @@ def test_one_flipped_bit_of_a_state_costs_neither_the_map_nor_the_start(
     (tmp_path / 'state').write_bytes(data)
     record = replayed(bag, tmp_path / 'out', '--state', str(tmp_path / 'state'))
     assert_in_map(record, tmp_path / 'out', start, bag)
+    assert 'state_damaged' in ' '.join(record['robots']['robot1']['notes'])
 
 
 @pytest.mark.parametrize(('options', 'words'), [

@@ -38,7 +38,8 @@ def resolve(path: Path) -> Path:
             return files[0]
         if files and len({split_name(file) for file in files}) == 1:
             return folder
-    held = sorted(file.parent for file in path.glob('*/metadata.yaml'))
+    held = sorted([*(file.parent for file in path.glob('*/metadata.yaml')),
+                   *(file.parents[1] for file in path.glob('*/bag/metadata.yaml'))])
     hint = f'; name those that it holds, such as {held[0]}' if held else ''
     raise BagError(f'{path}: not a bag (no metadata.yaml, and no bag file, or files of several '
                    f'bags, in this folder){hint}')

@@ -22,6 +22,7 @@ from typing import Any
 from somfusion_ros.geometry import Pose
 from somfusion_ros.io.bags.log import Log, open_log
 from somfusion_ros.io.console import complain, say
+from somfusion_ros.io.errors import NO_ROS
 from somfusion_ros.io.result import make_folder, pose_of
 from somfusion_ros.ros.apps.demo_picture import draw_live
 from somfusion_ros.ros.apps.demo_table import compare, robot_lines, table, TOLERANCE
@@ -111,7 +112,7 @@ def _check_options(options: argparse.Namespace) -> None:
     if not 0.0 < options.rate <= 100.0:
         raise ValueError(f'rate {options.rate} is outside (0, 100]')
     if importlib.util.find_spec('rclpy') is None:
-        raise ValueError('rclpy is missing: source ROS 2 Jazzy, or pip install somfusion_ros[ros]')
+        raise ValueError(f'rclpy is missing: {NO_ROS}')
     os.environ.setdefault('MPLBACKEND', 'Agg')
 
 

@@ -172,6 +172,8 @@ def prefixes(options: argparse.Namespace) -> list[str]:
         f'robot{number}' for number in range(1, len(options.bags) + 1)])
     if robots and len(robots) != len(options.bags):
         raise ValueError(f'{len(robots)} robots for {len(options.bags)} bags')
+    if len(set(robots)) < len(robots):
+        raise ValueError(f'robots {", ".join(robots)}: each needs a name of its own')
     return [f'{robot.strip("/")}/' for robot in robots] or ['']
 
 

@@ -16,6 +16,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
+from somfusion_ros.io.errors import sentence
 from somfusion_ros.ros.common.entities import Entities
 from somfusion_ros.ros.common.parameters import warn_of_unknown
 
@@ -119,7 +120,7 @@ class ManagedNode(LifecycleNode):
         try:
             return True, job()
         except (OSError, ValueError) as error:
-            return False, str(error)
+            return False, sentence(error)
         except Exception as error:   # the caller waits
             self.count_error(error)
             return False, f'this failed unexpectedly: {error!r}'
@@ -171,8 +172,8 @@ class ManagedNode(LifecycleNode):
         try:
             step()
         except Exception as error:
-            foreseen = isinstance(error, (OSError, ValueError))
-            self._failure = str(error) if foreseen else repr(error)
+            self._failure = sentence(error) if isinstance(error, (OSError, ValueError)) else (
+                repr(error))
             self.get_logger().error(self._failure)
             undo()
             return TransitionCallbackReturn.FAILURE

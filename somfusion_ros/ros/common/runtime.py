@@ -17,7 +17,7 @@ import threading
 from typing import Any, Protocol
 
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -40,8 +40,8 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
     """
     Make a node, spin it until a signal or until it sets the stop event, and return a status.
 
-    A ValueError or a bad parameter while the node is made is a sentence and status 1, as are
-    arguments of ROS and parameter files that rclpy cannot read.
+    A ValueError, a bad name or a bad parameter while the node is made is a sentence and status 1,
+    as are arguments of ROS and parameter files that rclpy cannot read.
     """
     stop = threading.Event()
     _on_signals(leave)
@@ -54,7 +54,7 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
         node = make_node(stop)
         if hasattr(node, 'begin'):
             node.begin(plain_args(args))
-    except (ValueError, ParameterException) as error:
+    except (ValueError, NameValidationException, ParameterException) as error:
         rclpy.try_shutdown()
         return _refuse(error)
     _forward_logging(node.get_logger())
@@ -71,6 +71,8 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
 def _refuse(error: Exception) -> int:
     """Say in one line why there is no node; return the exit status."""
     told = str(error) if isinstance(error, InputError) else reason_of(error)
+    if type(error).__name__ == 'UnknownROSArgsError':   # which rclpy does not export
+        told = f'after --ros-args, ROS does not know what {told} means'
     rclpy.logging.get_logger('somfusion_ros').fatal(told)
     return 1
 
