@@ -38,6 +38,12 @@ class BridgeTuning:
         8, 'views', 'after the first, beyond which the map has drifted', 'belgioioso')
     drifted: float = tuned(
         0.7, 'share of squares', 'that counts then', 'benchmarks/slam/carried.py, belgioioso')
+    each: float = tuned(
+        0.05, 'share of squares', 'that every view must look through: what few see is of those '
+        'views, which slip bent', 'benchmarks/slam/carried.py, benchmarks/slam/look_alikes.py')
+    clearer: float = tuned(
+        3.0, 'times', 'as much must be looked through as the views before look through of one '
+        'another', 'benchmarks/slam/carried.py, benchmarks/slam/look_alikes.py')
 
 
 TUNING = BridgeTuning()
@@ -49,9 +55,7 @@ class Bridge:
 
     first: int
     before: Sequence[int]
-    _on: int = field(default=0, init=False)
-    _against: int = field(default=0, init=False)
-    _judged: int = field(default=0, init=False)
+    _judged: list[tuple[int, int]] = field(default_factory=list, init=False)
 
     def denied(self, new: int, ekf: DelayedStateEkf, clouds: Sequence[Cloud]) -> bool | None:
         """Return whether the views up to a new one deny those before; None until that is known."""
@@ -61,15 +65,29 @@ class Bridge:
             return False
         at = before[-1]
         placed, pose = list(between(poses[at], poses[before])), between(poses[at], poses[new])
+        shown = [clouds[k] for k in before]
         if not sure(at, new, ekf):
-            around = LocalMap.of_views([clouds[k] for k in before], placed)
-            pose = register(clouds[new], around, pose).T_map_scan
-        on, against = judge_back(pose, clouds[new], lasting(
-            [apply(p, clouds[k].points) for p, k in zip(placed, before, strict=True)]))
-        if on + against >= AGREEMENT.points:
-            self._on, self._against, self._judged = (
-                self._on + on, self._against + against, self._judged + 1)
-        if self._judged < TUNING.views:
+            pose = register(clouds[new], LocalMap.of_views(shown, placed), pose).T_map_scan
+        wall = lasting([apply(p, cloud.points) for p, cloud in zip(placed, shown, strict=True)])
+        self._judge(pose, clouds[new], wall)
+        if len(self._judged) < TUNING.views:
             return None
+        against = _looked_through(self._judged)
         least = TUNING.agreement if new - self.first <= TUNING.soon else TUNING.drifted
-        return self._on < least * (self._on + self._against)
+        fewest = min(_looked_through([view]) for view in self._judged)
+        if against <= 1.0 - least or fewest < TUNING.each:
+            return False
+        usual = [judge_back(p, cloud, wall) for p, cloud in zip(placed, shown, strict=True)]
+        return against > TUNING.clearer * _looked_through(usual[-TUNING.views:])
+
+    def _judge(self, pose: Array, cloud: Cloud, wall: Array) -> None:
+        """Note what a cloud at a pose (3,) says of a wall (N, 2), if it sees enough of it."""
+        on, against = judge_back(pose, cloud, wall)
+        if on + against >= AGREEMENT.points:
+            self._judged.append((on, against))
+
+
+def _looked_through(judged: Sequence[tuple[int, int]]) -> float:
+    """Return the share of all squares judged that views looked through."""
+    on, against = np.sum(judged, axis=0)
+    return float(against / max(on + against, 1))

@@ -59,7 +59,7 @@ class Lost:
 
     def __init__(self, config: SlamConfig, counters: Counter[str],
                  known: Callable[[], KnownMap], stood: Step | None = None,
-                 calibration: Calibration | None = None) -> None:
+                 calibration: Calibration | None = None, astray: bool = False) -> None:
         self.piece = SingleMap(config, counters)
         self.piece.tracker.calibration = calibration or Calibration()
         self._stood = stood                  # where it was, while it may still be there
@@ -67,7 +67,7 @@ class Lost:
         self.moved = stood is None           # it is not where it was
         self._odometry: Odometry | None = None
         self._T_odom_base = np.zeros(3)
-        self._known = known
+        self._known, self._astray = known, astray
         self._relocation: Relocation | None = None
         self._mapper = Mapper(config.resolution)
         self._looked = 0                     # views at the last look
@@ -96,7 +96,7 @@ class Lost:
     def look(self) -> tuple[int, Placed] | None:
         """Search for the newest view; return it and its place in the map, None until found."""
         if self._relocation is None:
-            self._relocation = Relocation(self._known())
+            self._relocation = Relocation(self._known(), self._astray)
         scans, poses = self.piece.drawn()
         clouds = list(self.piece.graph.clouds[:len(poses)])
         self._looked = len(poses)

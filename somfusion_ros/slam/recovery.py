@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from somfusion_ros.geometry import Array, between
+from somfusion_ros.geometry import Array, between, difference, squared_mahalanobis
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.correlative import Prior, search
 from somfusion_ros.slam.local_map import LocalMap
@@ -44,6 +44,9 @@ class RecoveryTuning:
         (0.15, 0.06), 'm, rad', 'within which two matches are one', 'by design')
     hopeless: float = tuned(
         0.25, 'score', 'below which no pose explains enough of a scan', 'shared logs')
+    differ: float = tuned(
+        9.0, 'squared sigmas', 'by which two matches are not one, whatever the surface fixes',
+        'by design')
     apart: tuple[float, float] = tuned(
         (0.3, 0.3), 'm, rad', 'beyond which an expected pose is searched around, too',
         'not measured')
@@ -110,8 +113,20 @@ def plausibility(poses: Array, expected: Sequence[Array], window: Array) -> Arra
 
 
 def rivals(best: Attempt, tried: Sequence[Attempt]) -> bool:
-    """Return whether another pose is worth nearly as much as the best."""
-    return any(a.worth > best.worth - TUNING.distinct and not same(a, best) for a in tried)
+    """
+    Return whether another pose is worth nearly as much as the best.
+
+    One that differs only where the surface fixes neither, as along a smooth corridor, is none:
+    the odometry holds the pose there.
+    """
+    return any(a.worth > best.worth - TUNING.distinct and not same(a, best)
+               and _apart(a.match, best.match) for a in tried)
+
+
+def _apart(a: Match, b: Match) -> bool:
+    """Return whether two matches differ by more than both know."""
+    d = difference(a.T_map_scan, b.T_map_scan)
+    return squared_mahalanobis(d, a.covariance + b.covariance) > TUNING.differ
 
 
 def same(a: Attempt, b: Attempt) -> bool:

@@ -81,8 +81,8 @@ class Placed:
         """Product of both, by which poses are compared."""
         return self.explained * self.agreement
 
-    def refusal(self) -> str:
-        """Return why the pose is not believed; '' where it is."""
+    def refusal(self, left: float = TUNING.left) -> str:
+        """Return why the pose is not believed, or ''; left: share that any pose leaves open."""
         t = TUNING
         sigma = np.sqrt(np.linalg.eigvalsh(self.match.covariance[:2, :2])[-1])
         turn = np.sqrt(self.match.covariance[2, 2])
@@ -92,7 +92,7 @@ class Placed:
             return f'{100 * self.agreement:.0f} % of what both saw agree'
         if sigma > t.sure[0] or turn > t.sure[1]:
             return f'the surfaces fix the pose to {sigma:.2f} m and {turn:.2f} rad only'
-        if 1.0 - self.rival < t.clearer * (1.0 - self.worth) + t.left:
+        if 1.0 - self.rival < t.clearer * (1.0 - self.worth) + left:
             return (f'another place fits {100 * self.rival:.0f} %, the best '
                     f'{100 * self.worth:.0f} %')
         return ''
@@ -159,10 +159,10 @@ class KnownMap:
 
 
 class Relocation:
-    """Looks for a lost robot in a map until it is found."""
+    """Looks for a lost robot until it is found; astray: whether it had a place, and drove on."""
 
-    def __init__(self, known: KnownMap) -> None:
-        self._known = known
+    def __init__(self, known: KnownMap, astray: bool = False) -> None:
+        self._known, self._left = known, TUNING.left_astray if astray else TUNING.left
         self._last: Array | None = None    # T_map_piece (3,) of the last search that was clear
         self.refusal = 'it has not seen enough yet'
 
@@ -193,7 +193,8 @@ class Relocation:
         if len(poses) < TUNING.views_least:
             return None
         placed = self._known.find(Query.of_views(poses, clouds, grid))
-        self.refusal = 'there is too little surface' if placed is None else placed.refusal()
+        self.refusal = 'there is too little surface' if placed is None else (
+            placed.refusal(self._left))
         if placed is None or self.refusal:
             return None
         T_map_piece = compose(placed.match.T_map_scan, inverse(poses[-1]))

@@ -27,7 +27,7 @@ class SecondLookTuning:
     """When another place is believed against the one where a robot seems to be."""
 
     disagrees: float = tuned(
-        0.05, 'share', 'of what both saw, that disagrees here; below, no other place is sought',
+        0.03, 'share', 'of what both saw, that disagrees here; below, no other place is sought',
         'benchmarks/slam/carried.py, shared logs')
     clearer: float = tuned(
         3.0, 'times', 'as much must disagree here as there', 'benchmarks/slam/carried.py')

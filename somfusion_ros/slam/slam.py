@@ -228,7 +228,7 @@ class Slam:
     def _lose(self, stood: Step | None = None) -> Lost:
         """Begin a piece of map apart; stood: where the robot may still be."""
         return Lost(self.config, self.counters, lambda: known_map(self._map, self.grid()), stood,
-                    self._map.tracker.calibration)
+                    self._map.tracker.calibration, self._map.astray)
 
     def _join(self, lost: Lost, view: int, placed: Placed) -> None:
         """Go on in the map where a view of the piece was found."""

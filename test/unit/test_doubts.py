@@ -25,10 +25,10 @@ KNOWN = VIEWS.known                     # views before the bridge
 CARRIED = np.array([1.5, 0.6, 2.0])     # from where the robot seems to be
 
 
-def drive(carried: Array, later: int = 0) -> ViewGraph:
+def drive(carried: Array, later: int = 0, more: int = 0) -> ViewGraph:
     """Map a room; from a view on, the robot is carried from where it seems to be."""
     graph, rng, pose = ViewGraph(), np.random.default_rng(3), START
-    for k in range(KNOWN + later + TUNING.views):
+    for k in range(KNOWN + later + TUNING.views + more):
         true = compose(pose, carried) if k >= KNOWN + later else pose
         seen = cloud(fake_scan(ROOM, true, noise=0.01, rng=rng), 30.0)
         graph.add(Constraint(k - 1, k, STEP if k else np.zeros(3), R), seen, float(k))
@@ -48,11 +48,35 @@ def test_a_bridge_is_judged_by_what_hangs_on_it(carried: Array) -> None:
 @pytest.mark.parametrize('soon', [True, False])
 def test_a_map_that_has_drifted_since_must_be_denied_by_more(soon: bool) -> None:
     """In half of Belgioioso 81 % of what was seen again, 12 views later, was where it was."""
-    graph = drive(np.zeros(3))
+    graph = drive(CARRIED)
     newest = graph.ekf.n - 1
     bridge = Bridge(KNOWN if soon else newest - TUNING.soon - 1, range(KNOWN - 10, KNOWN))
-    bridge._on, bridge._against, bridge._judged = 8000, 2000, TUNING.views - 1
+    bridge._judged = [(8000, 2000)] * (TUNING.views - 1)
     assert bridge.denied(newest, graph.ekf, graph.clouds) is soon
+
+
+@pytest.mark.parametrize('bent', [2, TUNING.views])
+def test_views_that_a_slip_bent_do_not_deny_what_others_saw_again(bent: int) -> None:
+    graph, elsewhere = drive(np.zeros(3)), drive(CARRIED)
+    bridge = Bridge(KNOWN, range(KNOWN - 10, KNOWN))
+    for new in range(graph.ekf.n - bent, graph.ekf.n):
+        graph.clouds[new] = elsewhere.clouds[new]
+    said = [bridge.denied(new, graph.ekf, graph.clouds) for new in range(KNOWN, graph.ekf.n)]
+    assert sum(against for _, against in bridge._judged) > 0.2 * np.sum(bridge._judged)
+    assert said[-1] is (bent == TUNING.views)
+
+
+def test_a_map_that_denies_itself_denies_no_bridge() -> None:
+    """A slip had bent what was seen last before it: all that comes next fits that."""
+    graph = drive(CARRIED, more=5)
+    said = []
+    for first in (KNOWN, KNOWN + 5):
+        bridge = Bridge(first, range(first - 10, first))
+        for new in range(first, first + TUNING.views):
+            denied = bridge.denied(new, graph.ekf, graph.clouds)
+        assert sum(against for _, against in bridge._judged) > 0.2 * np.sum(bridge._judged)
+        said.append(denied)
+    assert said == [True, False]
 
 
 @pytest.mark.parametrize('weak', [False, True])

@@ -14,7 +14,10 @@ from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import run_trial, SICK, simulate_trial, Trial
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.grid_views import grid_checkpoint
+from somfusion_ros.slam.matching import Match
 from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.slam.relocation import Placed
+from somfusion_ros.slam.relocation_tuning import TUNING
 from somfusion_ros.slam.slam import Slam
 from somfusion_ros.slam.start import Start
 from somfusion_ros.slam.step import Step
@@ -225,6 +228,17 @@ def test_where_rooms_look_alike_a_robot_waits_rather_than_err(door: int) -> None
     for step, true in steps:
         if step.reason != 'lost':
             assert pose_error(step.pose, true)[0] < 0.5
+
+
+@pytest.mark.parametrize('explained, agreement, rival, believed', [
+    (1.0, 1.0, 0.98, False), (0.955, 0.972, 0.85, False), (0.953, 0.960, 0.804, True)],
+    ids=['niches', 'equal rooms', 'Wean'])
+def test_where_nearly_all_fits_elsewhere_too_a_robot_gone_astray_waits(
+        explained: float, agreement: float, rival: float, believed: bool) -> None:
+    """The first two were wrong by 4.6 and 5.9 m, the last was right."""
+    match = Match(np.zeros(3), 1e6 * np.eye(3), 1.0, 0.01)
+    placed = Placed(match, explained, agreement, rival)
+    assert (placed.refusal(TUNING.left_astray) == '') is believed
 
 
 @pytest.mark.parametrize('carried', [(0.8, 0.3, np.pi / 2), (1.1, 0.0, 0.0), (0.0, 0.0, np.pi),
