@@ -5,7 +5,7 @@ Who is accepted, at which probability, and how well calibrated that probability 
 
 usage: python -m benchmarks.fusion.calibration DATA [--replays DIR ...] [--share S]
            [--kinds NAME ...] [--jobs N] [--write]
-       python -m benchmarks.fusion.calibration DATA [--replays DIR ...] --fresh N
+       python -m benchmarks.fusion.calibration DATA [--replays DIR ...] --fresh N [--begin K]
        python -m benchmarks.fusion.calibration --refit [--write]
 
 DATA holds the folders pairs, pairs_mesh and pairs_floors. Judges true pairs of maps and pairs of
@@ -15,8 +15,9 @@ without its places; and prints, per kind and per threshold, how many are accepte
 the table of measures of all cases, the weights that the package uses, with what they reach, and
 the reliability diagram of doc/fusion.md are written anew; --refit judges no more cases than those
 of the table. With --fresh, N pairs of different places are made that nothing was learned from,
-some of kinds of which none was, and judged. What was judged is kept below build/ as long as code
-and data stay what they are: a command that was stopped goes on where it was.
+some of kinds of which none was, and judged; --begin throws other dice. What was judged is kept
+below build/ as long as code and data stay what they are: a command that was stopped goes on
+where it was.
 """
 
 import argparse
@@ -57,9 +58,9 @@ def queue(share: float, wanted: list[str] | None) -> list[tuple[str, int]]:
     return [(kind, number) for _, kind, number in sorted(turns)]
 
 
-def fresh_queue(total: int) -> list[tuple[str, int]]:
-    """List pairs of different places that no table holds, mixed as FRESH says."""
-    turns = [((k + 0.5) / share, kind, FRESH_FROM + k) for kind, share in FRESH.items()
+def fresh_queue(total: int, begin: int) -> list[tuple[str, int]]:
+    """List pairs of different places that no table holds, mixed as FRESH says, from a number."""
+    turns = [((k + 0.5) / share, kind, begin + k) for kind, share in FRESH.items()
              for k in range(share * total // sum(FRESH.values()))]
     return [(kind, number) for _, kind, number in sorted(turns)]
 
@@ -123,6 +124,8 @@ def main() -> None:
     parser.add_argument('--share', type=float, default=1.0, help='share of all cases')
     parser.add_argument('--kinds', nargs='*', help='only these')
     parser.add_argument('--fresh', type=int, help='judge so many new pairs of different places')
+    parser.add_argument('--begin', type=int, default=FRESH_FROM,
+                        help='number of the first of these of each kind')
     parser.add_argument('--jobs', type=int, default=os.cpu_count(), help='processes')
     parser.add_argument('--refit', action='store_true', help='read the cases from the table')
     parser.add_argument('--write', action='store_true')
@@ -133,7 +136,7 @@ def main() -> None:
         old = json.loads(WEIGHTS.read_text(encoding='utf-8'))
         report(read_samples(TABLE), old['data'], old['command'], args.write)
         return
-    wanted = fresh_queue(args.fresh) if args.fresh else queue(args.share, args.kinds)
+    wanted = fresh_queue(args.fresh, args.begin) if args.fresh else queue(args.share, args.kinds)
     samples = judge(args.data, args.replays, wanted, args.jobs)
     if args.fresh:
         report_fresh(samples)
