@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from somfusion_ros.geometry import apply, Array, inverse
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.local_map import LocalMap
@@ -32,6 +34,13 @@ class AgreementTuning:
         'test/unit/test_relocation.py')
     points: int = tuned(
         30, 'points', 'that are judged, at least', 'not measured')
+    straight: float = tuned(
+        0.5, 'm', 'around a square, of which the direction of its surface is told', 'by design')
+    flat: float = tuned(
+        0.8, '0..1', 'agreement of the directions there, from which it is straight', 'by design')
+    grazing: float = tuned(
+        0.2, 'rad', 'between a surface and the beams, below which they tell nothing of it: a wall '
+        'of 3 m seen along it, and a pose that is 0.1 m and 0.05 rad off', 'by design')
     denied: float = tuned(
         0.5, 'share of points', 'judged, below which a scan denies what others saw', 'shared logs')
 
@@ -50,7 +59,8 @@ def judge_back(T_map_scan: Array, cloud: Cloud, points: Array) -> tuple[int, int
     if not len(hits):
         return 0, 0
     seen = LocalMap(hits, np.zeros_like(hits), (cloud.outline.rim,))
-    return _count(apply(inverse(T_map_scan), points), seen)
+    at = apply(inverse(T_map_scan), points)
+    return _count(at[~_looked_along(at, cloud.outline.origin)], seen)
 
 
 def lasting(surfaces: Sequence[Array]) -> Array:
@@ -75,6 +85,24 @@ def denies(T_map_scan: Array, cloud: Cloud, target: LocalMap) -> bool | None:
 def looks_through(T_map_scan: Array, cloud: Cloud, target: LocalMap) -> bool | None:
     """Return whether a cloud at a pose (3,) looks through most of a surface, as `denies`."""
     return _denies(*judge_back(T_map_scan, cloud, lasting([target.points])))
+
+
+def _looked_along(points: Array, origin: Array) -> NDArray[np.bool_]:
+    """
+    Return which points (N, 2) lie on a straight surface that is seen edge on from an origin (2,).
+
+    A centimetre decides on which side of it the beams pass, so they tell nothing of it.
+    """
+    i, j = cKDTree(points).query_pairs(TUNING.straight, output_type='ndarray').T
+    # Squares of complex numbers: both ways along a surface are one direction.
+    steps, sight = (line[:, 0] + 1j * line[:, 1]
+                    for line in (points[j] - points[i], points - origin))
+    along, length = np.zeros(len(points), complex), np.zeros(len(points))
+    for end in (i, j):
+        np.add.at(along, end, steps ** 2)
+        np.add.at(length, end, np.abs(steps) ** 2)
+    off = np.angle(along * sight.conj() ** 2) / 2.0
+    return np.asarray((np.abs(along) > TUNING.flat * length) & (np.abs(off) < TUNING.grazing))
 
 
 def _count(points: Array, target: LocalMap) -> tuple[int, int]:
