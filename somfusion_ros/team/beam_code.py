@@ -34,7 +34,6 @@ class BeamLimits:
 
 TUNING = BeamLimits()
 MAX_BEAMS = 8192             # of a scan that is told of; more are thinned by their robot
-NUMBERS = 7                  # of whole numbers besides the corners
 LARGEST_ANGLE = 100          # [rad]
 STEPS_OF_FAN = np.array(TUNING.fan)
 BEAM_TIME = 1 / 10_000       # [s] from beam to beam; only the shift in it counts

@@ -3,6 +3,7 @@
 """The rooms and the arrows between them stay as designed, and no file grows into a maze."""
 
 import ast
+from collections import Counter
 from functools import cache
 from pathlib import Path
 import re
@@ -143,6 +144,21 @@ for name in {modules!r}:
     result = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True,
                             text=True, timeout=120)
     assert result.returncode == 0, result.stderr[-2000:]
+
+
+def test_what_is_defined_is_used() -> None:
+    """By whatever is here; ROS itself calls the steps of a life cycle, and logging `emit`."""
+    folders = ('somfusion_ros', 'benchmarks', 'scripts', 'launch', 'test')
+    sources = {path: path.read_text(encoding='utf-8')
+               for folder in folders for path in (ROOT / folder).rglob('*.py')}
+    words = Counter(word for text in (*sources.values(), (ROOT / 'setup.py').read_text())
+                    for word in re.findall(r'\w+', text))
+    defined = {node.name if isinstance(node, (ast.FunctionDef, ast.ClassDef)) else node.id
+               for path in FILES for node in ast.walk(tree_of(path))
+               if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+               or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))}
+    called = {name for name in defined if name.startswith(('on_', '__'))} | {'emit'}
+    assert not {name for name in defined - called if words[name] == 1}
 
 
 def test_few_files_know_rclpy() -> None:

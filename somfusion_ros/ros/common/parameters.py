@@ -3,7 +3,7 @@
 """ROS parameters declared from the config dataclasses: defaults and descriptions live there."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, Field, fields, replace
+from dataclasses import Field, fields, replace
 from difflib import get_close_matches
 import sys
 from typing import Any, TYPE_CHECKING, TypeVar
@@ -86,11 +86,6 @@ def change(config: Config, parameters: list[Any]) -> tuple[Config, SetParameters
         return replace(config, **changed), SetParametersResult(successful=True)
     except (TypeError, ValueError) as error:
         return config, SetParametersResult(successful=False, reason=str(error))
-
-
-def as_yaml(config: Any) -> dict[str, Any]:
-    """Return the values of a config as a YAML file holds them."""
-    return {name: _to_ros(value) for name, value in asdict(config).items()}
 
 
 def unknown(given: Iterable[str], declared: Iterable[str],

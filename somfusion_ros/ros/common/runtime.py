@@ -14,7 +14,7 @@ import logging
 import signal
 import sys
 import threading
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -29,16 +29,13 @@ LONGEST = 4.0        # [s] from a signal to the end; a checkpoint may be cut off
 SWITCH_INTERVAL = 0.001   # [s] a worker thread holds the interpreter while a scan waits
 
 
-class Stoppable(Protocol):
-    """What `run` needs of a node beyond rclpy's own; `status`, if set, is the exit status."""
-
-    def close(self, timeout: float) -> bool:
-        """Stop the workers; return whether all of them ended in time."""
-
-
 def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = None) -> int:
     """
     Make a node, spin it until a signal or until it sets the stop event, and return a status.
+
+    Of a node more is needed than rclpy has: close(timeout) stops its workers and returns whether
+    all of them ended in time; begin(arguments), if there is one, is called once it is made;
+    status, if there is one, is the exit status.
 
     A ValueError, a bad name or a bad parameter while the node is made is a sentence and status 1,
     as are arguments of ROS and parameter files that rclpy cannot read.
