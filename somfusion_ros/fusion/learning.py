@@ -4,7 +4,9 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from somfusion_ros.fusion import normals, orientation, rasters, segmentation, som
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.clusters import Clusters, Index
@@ -23,6 +25,9 @@ class LearningSettings:
 
     dust: int = tuned(
         4, 'cells', 'a segment of fewer cells is noise', 'by design')
+    shell: float = tuned(
+        0.25, 'm', 'of a filled area, from its edge, that is taken for wall; 0.15 m of thick walls '
+        'lose a pair', 'doc/fusion.md: filled areas')
     oriented: float = tuned(
         0.3, '0..1', 'agreement of the surfaces around a cluster from which it has a normal: '
         'below, it is a blob', 'benchmarks/fusion/stages.py')
@@ -107,11 +112,28 @@ def _learn(grid: Grid, config: FusionConfig, cache: FusionCache) -> LearnedMap:
 
 def _segments(grid: Grid, config: FusionConfig) -> tuple[Index, Index]:
     """Return the wall cells (N, 2) as (row, column) and their segments (N,), without dust."""
-    cells = np.column_stack(np.divmod(np.flatnonzero(grid.occupied), grid.shape[1]))
+    cells = np.column_stack(np.divmod(np.flatnonzero(_shell(grid)), grid.shape[1]))
     radius = max(1.5, config.segment_radius / grid.resolution)
     labels = segmentation.segment(cells, grid.shape, radius)
     solid = np.bincount(labels, minlength=1)[labels] >= LEARNING.dust
     return cells[solid], labels[solid]
+
+
+def _shell(grid: Grid) -> NDArray[np.bool_]:
+    """
+    Return the occupied cells (H, W) that a laser could have seen.
+
+    Keep-out zones, and the outside of some maps, are filled: what is deep inside is no wall.
+    """
+    occupied = grid.occupied
+    deep = int(max(2, round(LEARNING.shell / grid.resolution)))
+    some = occupied[::deep, ::deep]     # of which a filled area holds four neighbours
+    if not (some[1:, 1:] & some[1:, :-1] & some[:-1, 1:] & some[:-1, :-1]).any():
+        return occupied
+    inside = cv2.erode(occupied.astype(np.uint8), np.ones((2 * deep + 1,) * 2, np.uint8),
+                       borderType=cv2.BORDER_CONSTANT, borderValue=1)
+    shell: NDArray[np.bool_] = occupied & (inside == 0)
+    return shell
 
 
 def _clusters(grid: Grid, chains: tuple[Array, Index, Index, Index],

@@ -131,6 +131,25 @@ def test_maps_without_structure_are_refused_with_a_reason(shape: tuple[int, int]
         assert found.reason.startswith('refused: ')
 
 
+@settings(max_examples=8, deadline=None)
+@given(st.floats(-3.1, 3.1), st.sampled_from(['outside', 'rooms']))
+def test_filled_areas_are_not_walls_all_through(theta: float, where: str) -> None:
+    """People fill what a robot must not enter, or all that is outside; lasers see surfaces."""
+    T, margin = Pose(1.5, -0.7, theta), 6.0
+    target = fake_grid(floor(), T_map_walls=T, margin=margin)
+    drawn = target.evidence.copy()
+    if where == 'outside':
+        drawn[drawn == 0.0] = -1.0
+    else:
+        left, low, right, high = (int((edge + margin) / target.resolution)
+                                  for edge in (0.0, 0.0, 9.36, 3.2))
+        drawn[low:high, left:right] = -1.0
+    found = align(Grid(drawn, target.resolution, target.T_frame_grid), fake_grid(floor()))
+    assert found.accepted, found.reason
+    distance, angle = error_at(found, T, (9.0, 5.5))
+    assert distance < 0.1 and angle < np.radians(0.5)
+
+
 def test_noise_is_refused() -> None:
     """Random cells hold no structure."""
     rng = np.random.default_rng(0)
@@ -179,7 +198,7 @@ def test_the_published_method_stays_selectable() -> None:
 
 def test_an_unknown_method_is_wrong_use() -> None:
     """A method that does not exist is refused by name."""
-    with pytest.raises(ValueError, match="'sum' is neither"):
+    with pytest.raises(ValueError, match="method = 'sum' must be one of som, paper"):
         FusionConfig(method='sum')
 
 
