@@ -34,7 +34,8 @@ class LoopCloser:
                 return False
             new = self.graph.to_close.popleft()
             graph = self.graph
-            targets = loops.candidates(new, graph.ekf, np.array(graph.centres), self.config)
+            targets = loops.candidates(new, graph.ekf, np.array(graph.centres), self.config,
+                                       self.closure.supposed(graph.ekf))
             poses = graph.ekf.poses.copy()
         if targets:
             self._match_loops(new, targets, poses)

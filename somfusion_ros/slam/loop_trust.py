@@ -41,6 +41,9 @@ class TrustTuning:
         'of the travel between two agreeing loops, that the odometry drifts', 'shared logs')
     recent: int = tuned(
         60, 'views', 'within which loops are compared', 'not measured')
+    newest: int = tuned(
+        20, 'loops', 'that are not believed yet may say where to seek more: bounds time',
+        'by design')
     spanned: float = tuned(
         3.0, 'sigmas', 'of travel that agreeing loops span', 'benchmarks/slam/look_alikes.py')
 
@@ -73,8 +76,7 @@ class LoopClosure:
 
     def trusted(self, loop: Loop, ekf: Estimate) -> list[Constraint]:
         """Return the constraints that may enter the filter: this loop, and those it confirms."""
-        y, S = ekf.innovation(loop.constraint)
-        possible = squared_mahalanobis(y, S) < PLACES.chi2
+        possible = _possible(loop, ekf)
         if loop.sure and possible:
             return [loop.constraint]
         self._pending = [p for p in self._pending
@@ -89,6 +91,21 @@ class LoopClosure:
             return []
         self._pending = [p for p in self._pending if p not in together]
         return [p.constraint for p in together]
+
+    def supposed(self, ekf: Estimate) -> Constraint | None:
+        """Return the newest loop with which enough others agree to be believed later on."""
+        newest = self._pending[-TUNING.newest:]
+        for loop in reversed(newest):
+            partners = sum(agree(other.constraint, loop.constraint, ekf)
+                           for other in newest if other is not loop)
+            if partners >= TUNING.partners and _possible(loop, ekf):
+                return loop.constraint
+        return None
+
+
+def _possible(loop: Loop, ekf: Estimate) -> bool:
+    """Return whether a loop passes the filter's gate."""
+    return bool(squared_mahalanobis(*ekf.innovation(loop.constraint)) < PLACES.chi2)
 
 
 def _far_enough(loops: list[Loop], ekf: Estimate) -> bool:

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from somfusion_ros.geometry import apply, Array, squared_mahalanobis
+from somfusion_ros.geometry import apply, Array, between, compose, squared_mahalanobis
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
@@ -94,10 +94,13 @@ def centre(cloud: Cloud) -> Array:
     return np.median(cloud.points, axis=0) if len(cloud) else np.zeros(2)
 
 
-def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
-               ) -> list[Candidate]:
+def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig,
+               supposed: Constraint | None = None) -> list[Candidate]:
     """
     Return the old views whose surface lies near that of view `new`; at most one per pass.
+
+    Where a loop is supposed, but not believed yet, one more lies near where that has the view:
+    what comes next must confirm it, however far off the filter is.
 
     Every view is also tried against the one some views before it: where their surfaces
     overlap, the tie keeps a path that meets no old place from bending.
@@ -106,9 +109,7 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
     if last <= 0:
         return []
     poses = ekf.poses
-    seen = _seen(poses[:last], centres[:last])
-    distance = np.hypot(*(seen - apply(poses[new], centres[new][None])).T)
-    distance += 0.5 * np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
+    distance = _away(poses[new], centres[new], poses[:last], centres[:last])
     distance[~ekf.kept[:last] | _inherited(new, last, ekf, config)] = np.inf
     farthest = config.loop_search_distance + TUNING.farthest
     chosen: list[Candidate] = []
@@ -120,11 +121,37 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig
         candidate = _candidate(int(old), new, ekf)
         if distance[old] < config.loop_search_distance + 2.0 * np.hypot(*candidate.sigma[:2]):
             chosen.append(candidate)
+    if supposed is not None:
+        before = min(last, supposed.second - config.loop_minimum_gap)
+        follows = _supposed(supposed, new, before, ekf, centres, config)
+        if follows and all(abs(follows.old - c.old) >= config.loop_minimum_gap for c in chosen):
+            chosen.append(follows)
     span = new - max(TUNING.span, config.loop_minimum_gap)
     if span >= 0 and all(
             abs(span - c.old) >= config.loop_minimum_gap // 2 for c in chosen):
         chosen.append(replace(_candidate(span, new, ekf), tie=True))
     return [c if c.sure else replace(c, elsewhere=_elsewhere(c, new, last, ekf)) for c in chosen]
+
+
+def _supposed(loop: Constraint, new: int, last: int, ekf: Estimate, centres: Array,
+              config: SlamConfig) -> Candidate | None:
+    """Return the view before `last` that shows what view `new` shows if a loop is right."""
+    poses = ekf.poses
+    at = compose(poses[loop.first], compose(loop.z, between(poses[loop.second], poses[new])))
+    distance = _away(at, centres[new], poses[:last], centres[:last])
+    distance[~ekf.kept[:last]] = np.inf
+    old = int(np.argmin(distance))
+    if distance[old] > config.loop_search_distance + TUNING.farthest:
+        return None
+    candidate = _candidate(old, new, ekf)
+    # A filter that is sure needs none, and believes what it is surer of than it should be.
+    return None if candidate.sure else replace(candidate, expected=between(poses[old], at))
+
+
+def _away(pose: Array, centre_seen: Array, poses: Array, centres: Array) -> Array:
+    """Return how far (n,) [m] old views, and more so what they saw, are from those of a view."""
+    distance = np.hypot(*(_seen(poses, centres) - apply(pose, centre_seen[None])).T)
+    return np.asarray(distance + 0.5 * np.hypot(*(poses[:, :2] - pose[:2]).T))
 
 
 def _inherited(new: int, last: int, ekf: Estimate, config: SlamConfig) -> NDArray[np.bool_]:
@@ -146,6 +173,7 @@ def _elsewhere(candidate: Candidate, new: int, last: int, ekf: Estimate
                ) -> tuple[Candidate, ...]:
     """Return old views, one at each place before view `last`, where view `new` may lie as well."""
     poses = ekf.poses
+    at = compose(poses[candidate.old], candidate.expected)
     distance = np.hypot(*(poses[:last, :2] - poses[new, :2]).T)
     reach = TUNING.place + 4.0 * np.hypot(*candidate.sigma[:2])
     views = np.flatnonzero(ekf.kept[:last] & (distance < reach))
@@ -156,7 +184,7 @@ def _elsewhere(candidate: Candidate, new: int, last: int, ekf: Estimate
     for old in views[np.sort(first)]:
         expected, P = ekf.relative(int(old), new)
         if squared_mahalanobis(expected, P + np.diag(place) ** 2) < TUNING.chi2:
-            possible.append(Candidate(int(old), expected, _sigmas(P)))
+            possible.append(Candidate(int(old), between(poses[old], at), _sigmas(P)))
     return tuple(possible)
 
 

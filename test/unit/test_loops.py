@@ -146,6 +146,23 @@ def test_loops_that_agree_must_span_as_much_travel_as_the_filter_is_unsure():
     assert believed == [0, 0, 0, 0, 5, 0]
 
 
+def test_what_loops_suppose_is_followed_however_far_off_the_filter_is():
+    """After a loop of 330 m views were sought where the filter had them, ever farther off."""
+    ekf, closure, off = straight(60, 0.3), LoopClosure(CONFIG), np.array([-6.0, 0.0, 0.0])
+    for j in (50, 51, 52):
+        assert closure.supposed(ekf) is None
+        loop = replace(loop_between(ekf, 60 - j, j, off, sure=False), sigma=5.0)
+        assert closure.trusted(loop, ekf) == []
+    before, after = (candidates(59, ekf, np.zeros((60, 2)), CONFIG, loop)
+                     for loop in (None, closure.supposed(ekf)))
+    added, = {c.old for c in after} - {c.old for c in before}
+    assert abs(added - 13) <= 1     # 6 m from view 1, which the filter has it near
+    follows, = (c for c in after if c.old == added)
+    assert np.hypot(*follows.expected[:2]) < 0.6
+    T_places = [compose(ekf.poses[c.old], c.expected) for c in follows.elsewhere]
+    assert len(T_places) > 3 and np.ptp(T_places, axis=0).max() < 1e-9
+
+
 def test_an_unsure_loop_outside_the_gate_is_never_trusted():
     """The same as above, with odometry that is six times as good."""
     ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
