@@ -58,7 +58,7 @@ def queue(share: float, wanted: list[str] | None) -> list[tuple[str, int]]:
     return [(kind, number) for _, kind, number in sorted(turns)]
 
 
-def fresh_queue(total: int, begin: int) -> list[tuple[str, int]]:
+def fresh_queue(total: int, begin: int = FRESH_FROM) -> list[tuple[str, int]]:
     """List pairs of different places that no table holds, mixed as FRESH says, from a number."""
     turns = [((k + 0.5) / share, kind, begin + k) for kind, share in FRESH.items()
              for k in range(share * total // sum(FRESH.values()))]
