@@ -35,7 +35,7 @@ class LoopCloser:
             new = self.graph.to_close.popleft()
             graph = self.graph
             targets = loops.candidates(new, graph.ekf, np.array(graph.centres), self.config,
-                                       self.closure.supposed(graph.ekf))
+                                       self.closure.supposed(new, graph.ekf))
             poses = graph.ekf.poses.copy()
         if targets:
             self._match_loops(new, targets, poses)

@@ -92,9 +92,14 @@ class LoopClosure:
         self._pending = [p for p in self._pending if p not in together]
         return [p.constraint for p in together]
 
-    def supposed(self, ekf: Estimate) -> Constraint | None:
-        """Return the newest loop with which enough others agree to be believed later on."""
-        newest = self._pending[-TUNING.newest:]
+    def supposed(self, new: int, ekf: Estimate) -> Constraint | None:
+        """
+        Return the newest loop with which enough others agree to be believed later on.
+
+        None where there is none of those with which one of view `new` would be compared.
+        """
+        newest = [p for p in self._pending[-TUNING.newest:]
+                  if new - p.constraint.second <= TUNING.recent]
         for loop in reversed(newest):
             partners = sum(agree(other.constraint, loop.constraint, ekf)
                            for other in newest if other is not loop)

@@ -14,6 +14,7 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.loop_trust import agree, Loop, LoopClosure
+from somfusion_ros.slam.loop_trust import TUNING as TRUST
 from somfusion_ros.slam.loops import Candidate, candidates, TUNING
 from somfusion_ros.slam.scan import cloud
 
@@ -150,11 +151,12 @@ def test_what_loops_suppose_is_followed_however_far_off_the_filter_is():
     """After a loop of 330 m views were sought where the filter had them, ever farther off."""
     ekf, closure, off = straight(60, 0.3), LoopClosure(CONFIG), np.array([-6.0, 0.0, 0.0])
     for j in (50, 51, 52):
-        assert closure.supposed(ekf) is None
+        assert closure.supposed(j, ekf) is None
         loop = replace(loop_between(ekf, 60 - j, j, off, sure=False), sigma=5.0)
         assert closure.trusted(loop, ekf) == []
     before, after = (candidates(59, ekf, np.zeros((60, 2)), CONFIG, loop)
-                     for loop in (None, closure.supposed(ekf)))
+                     for loop in (None, closure.supposed(59, ekf)))
+    assert closure.supposed(52 + TRUST.recent + 1, ekf) is None
     added, = {c.old for c in after} - {c.old for c in before}
     assert abs(added - 13) <= 1     # 6 m from view 1, which the filter has it near
     follows, = (c for c in after if c.old == added)
