@@ -122,7 +122,7 @@ def candidates(new: int, ekf: Estimate, centres: Array, config: SlamConfig,
         if distance[old] < config.loop_search_distance + 2.0 * np.hypot(*candidate.sigma[:2]):
             chosen.append(candidate)
     if supposed is not None:
-        before = min(last, supposed.second - config.loop_minimum_gap)
+        before = max(0, min(last, supposed.second - config.loop_minimum_gap))
         follows = _supposed(supposed, new, before, ekf, centres, config)
         if follows and all(abs(follows.old - c.old) >= config.loop_minimum_gap for c in chosen):
             chosen.append(follows)
@@ -140,9 +140,9 @@ def _supposed(loop: Constraint, new: int, last: int, ekf: Estimate, centres: Arr
     at = compose(poses[loop.first], compose(loop.z, between(poses[loop.second], poses[new])))
     distance = _away(at, centres[new], poses[:last], centres[:last])
     distance[~ekf.kept[:last]] = np.inf
-    old = int(np.argmin(distance))
-    if distance[old] > config.loop_search_distance + TUNING.farthest:
+    if distance.min(initial=np.inf) > config.loop_search_distance + TUNING.farthest:
         return None
+    old = int(np.argmin(distance))
     candidate = _candidate(old, new, ekf)
     # A filter that is sure needs none, and believes what it is surer of than it should be.
     return None if candidate.sure else replace(candidate, expected=between(poses[old], at))

@@ -165,6 +165,15 @@ def test_what_loops_suppose_is_followed_however_far_off_the_filter_is():
     assert len(T_places) > 3 and np.ptp(T_places, axis=0).max() < 1e-9
 
 
+def test_a_supposed_loop_that_leads_to_no_old_view_is_not_followed():
+    """It ends where nothing was seen, or nothing is old enough by its time."""
+    ekf, nothing = straight(60, 0.3), np.zeros((60, 2))
+    plain = [c.old for c in candidates(59, ekf, nothing, CONFIG)]
+    for second, off in ((50, np.array([0.0, 40.0, 0.0])), (3, np.zeros(3))):
+        supposed = Constraint(10, second, compose(ekf.relative(10, second)[0], off), R)
+        assert [c.old for c in candidates(59, ekf, nothing, CONFIG, supposed)] == plain
+
+
 def test_an_unsure_loop_outside_the_gate_is_never_trusted():
     """The same as above, with odometry that is six times as good."""
     ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
