@@ -13,7 +13,7 @@ different places of every kind that cases.py makes of them, of maps that `somfus
 and of drawn maps; learns the weights of the verdict anew; judges each case by weights learned
 without its places; and prints, per kind and per threshold, how many are accepted. With --write
 the table of measures of all cases, the weights that the package uses, with what they reach, and
-the reliability diagram of doc/fusion.md are written anew; --refit judges no more cases than those
+the reliability diagram of doc/verdict.md are written anew; --refit judges no more cases than those
 of the table. With --fresh, N pairs of different places are made that nothing was learned from,
 some of kinds of which none was, and judged; --begin throws other dice. What was judged is kept
 below build/ as long as code and data stay what they are: a command that was stopped goes on

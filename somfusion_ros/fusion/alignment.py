@@ -35,7 +35,7 @@ class AlignmentSettings:
         8, 'clusters', 'a map of fewer that have a normal cannot be matched', 'by design')
     exact: float = tuned(
         0.75, 'share', 'of wall that coincides to a cell from which a clear hypothesis is not '
-        'held against its mirror image; at most 0.68 in mirrored buildings', 'doc/fusion.md')
+        'held against its mirror image; at most 0.68 in mirrored buildings', 'doc/verdict.md')
     bent_from: float = tuned(
         0.1, 'm', 'strain from which a pose is that of all matched walls, not of the part that '
         'fits best', 'doc/fusion.md: pairs_mesh')

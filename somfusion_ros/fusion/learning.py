@@ -27,7 +27,7 @@ class LearningSettings:
         4, 'cells', 'a segment of fewer cells is noise', 'by design')
     shell: float = tuned(
         0.25, 'm', 'of a filled area, from its edge, that is taken for wall; 0.15 m of thick '
-        'walls lose a pair', 'doc/fusion.md: filled areas')
+        'walls lose a pair', 'doc/verdict.md: filled areas')
     oriented: float = tuned(
         0.3, '0..1', 'agreement of the surfaces around a cluster from which it has a normal: '
         'below, it is a blob', 'benchmarks/fusion/stages.py')

@@ -37,10 +37,10 @@ class MeasureSettings:
     clear: float = tuned(
         0.7, 'm', 'known free space all around, in which a straight wall is a contradiction: more '
         'than a bend leaves between two true maps; of 0.5 to 0.9 m this tells years from storeys '
-        'best', 'doc/fusion.md: pairs_floors')
+        'best', 'doc/verdict.md: pairs_floors')
     drift: float = tuned(
         0.1, 'm/m', 'more of it for every metre from the walls that hold the maps together: six '
-        'degrees of turn; with half of it years are nearer to storeys', 'doc/fusion.md')
+        'degrees of turn; with half of it years are nearer to storeys', 'doc/verdict.md')
     held_every: int = tuned(3, 'clusters', 'of those walls one is looked at', 'by design')
     held_most: int = tuned(
         400, 'clusters', 'of those walls are looked at: bounds time and memory', 'by design')

@@ -33,7 +33,7 @@ class PlaceSettings:
         'many doors do not', 'benchmarks/fusion/calibration.py: corridors')
     movable: float = tuned(
         0.1, 'share', 'that short pieces count where they contradict: they may be furniture',
-        'doc/fusion.md: pairs_floors')
+        'doc/verdict.md: pairs_floors')
 
 
 PLACES = PlaceSettings()

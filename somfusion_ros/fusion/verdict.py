@@ -10,7 +10,7 @@ is better than every rival, in how little wall speaks against it, and along the 
 least evidence. Places: distinct places agree along that direction, which two parallel walls do not
 have, over much common ground or, over little, to a cell; and the rest of the maps can be reached
 from there: it is not one room that happens to fit. Each test is linear in measures that can only
-speak for a hypothesis when they grow, with weights learned from many (doc/fusion.md).
+speak for a hypothesis when they grow, with weights learned from many (doc/verdict.md).
 """
 
 from dataclasses import dataclass, replace
@@ -63,13 +63,13 @@ class VerdictSettings:
         'a small overlap that fits by chance has few', 'benchmarks/fusion/calibration.py')
     close: float = tuned(
         0.9, 'share', "of the best's score from which a rival is compared so however little wall "
-        'it matches; at 0.8 bent maps lose to small overlaps', 'doc/fusion.md')
+        'it matches; at 0.8 bent maps lose to small overlaps', 'doc/verdict.md')
     loose_wall: float = tuned(
         0.5, 'm', 'of straight wall in the open is no contradiction: half a door leaf',
-        'doc/fusion.md: belgioioso halves')
+        'doc/verdict.md: belgioioso halves')
     image: float = tuned(
         1.5, 'times', 'as good as a hypothesis is the mirror image of one map where the places '
-        'are built the other way round; at most 1.04 in true pairs', 'doc/fusion.md: mirrored')
+        'are built the other way round; at most 1.04 in true pairs', 'doc/verdict.md: mirrored')
     image_chance: float = tuned(
         0.02, 'probability', 'of a hypothesis that its image beats', 'by design')
 
