@@ -20,8 +20,9 @@ def add_output(command: argparse.ArgumentParser) -> None:
 def add_fusion(command: argparse.ArgumentParser) -> None:
     """Add what replay and merge share."""
     command.add_argument('--parameters', action='append', default=[], metavar='YAML',
-                         help='parameter file of the nodes, such as config/slam.yaml; may be '
-                              'given again')
+                         help='parameter file of the nodes, such as config/slam.yaml: method and '
+                              'confidence of the merge; for replay also the SLAM, the mount of '
+                              'the laser and the source of the odometry; may be given again')
     command.add_argument('--method', choices=['som', 'paper'],
                          help='som: many hypotheses and a verdict; paper: the literal IROS 2011 '
                               'method (default som)')

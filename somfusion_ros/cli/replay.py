@@ -3,12 +3,17 @@
 """`somfusion replay`: logs of one or more robots in, maps and trajectories out."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, TYPE_CHECKING
 
 from somfusion_ros.cli.options import (add_fusion, add_output, Commands, count, given, pose,
                                        positive)
-from somfusion_ros.node_config import ODOMETRY_SOURCES
+from somfusion_ros.node_config import ODOMETRY_SOURCES, SlamNodeConfig
 from somfusion_ros.slam.config import BEAM_ORDERS
+
+if TYPE_CHECKING:
+    from somfusion_ros.io.bags.log import BagOptions
 
 
 def add(commands: Commands) -> None:
@@ -25,11 +30,10 @@ def add(commands: Commands) -> None:
                          help='namespaces of the robots in one bag (default: all that it holds)')
     command.add_argument('--scan-topic', help='topic of the laser scans')
     command.add_argument('--odom-topic', help='topic of nav_msgs/Odometry')
-    command.add_argument('--odometry-source', default='auto',
-                         choices=ODOMETRY_SOURCES,
+    command.add_argument('--odometry-source', choices=ODOMETRY_SOURCES,
                          help='odom: nav_msgs/Odometry; encoders: two wheels in joint states; '
-                              'tf: odom -> base in /tf; none: from the scans alone; auto: the '
-                              'first of odom, encoders and tf in the bag')
+                              'tf: odom -> base in /tf; none: from the scans alone; auto (the '
+                              'default): the first of odom, encoders and tf in the bag')
     command.add_argument('--laser-pose', type=pose, metavar='X,Y,THETA',
                          help='laser in the base frame [m, m, rad], instead of tf_static; '
                               'write --laser-pose=-0.1,0,0 where X is negative')
@@ -60,16 +64,29 @@ def add(commands: Commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run `replay`."""
     from somfusion_ros.fusion.config import FusionConfig
-    from somfusion_ros.io.bags.log import BagOptions
     from somfusion_ros.io.parameters import make, read_parameters
     from somfusion_ros.offline.replay import replay, ReplayOptions
     from somfusion_ros.slam.config import SlamConfig
     values = read_parameters(options.parameters)
-    bags = BagOptions(options.scan_topic, options.odom_topic, options.odometry_source,
-                      options.laser_pose, options.wheel_radius, options.wheel_separation)
     replay(options.bags, options.output, ReplayOptions(
-        bags, make(SlamConfig, values, **given(resolution=options.resolution,
-                                               beam_order=options.beam_order)),
+        bag_options(options, values),
+        make(SlamConfig, values, **given(resolution=options.resolution,
+                                         beam_order=options.beam_order)),
         make(FusionConfig, values, **given(method=options.method)),
         options.jobs, not options.no_report, options.bag, tuple(options.namespaces),
         options.state, options.localize))
+
+
+def bag_options(options: argparse.Namespace, values: Mapping[str, Any]) -> 'BagOptions':
+    """Return what to use of the bags: the options given, else slam_node's parameters."""
+    from somfusion_ros.geometry import Pose
+    from somfusion_ros.io.bags.log import BagOptions
+    from somfusion_ros.io.parameters import make
+    node = make(SlamNodeConfig, values)
+    source = options.odometry_source or node.odometry_source
+    told = values if source == 'encoders' else {}   # a file of all defaults tells of wheels, too
+    mount = None if node.given_mount is None else Pose.from_array(node.given_mount)
+    return BagOptions(
+        options.scan_topic, options.odom_topic, source, options.laser_pose or mount,
+        options.wheel_radius or told.get('wheel_radius'),
+        options.wheel_separation or told.get('wheel_separation'))

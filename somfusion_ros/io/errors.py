@@ -14,8 +14,9 @@ class InputError(ValueError):
 
 def sentence(error: ValueError | OSError) -> str:
     """Return what an error says, without the number of the system's errors."""
-    if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f'{error.filename}: {error.strerror}'
+    if isinstance(error, OSError) and error.strerror:
+        return ': '.join(str(word) for word in (error.filename, error.strerror)
+                         if word is not None)
     return str(error)
 
 

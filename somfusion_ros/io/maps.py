@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Saved maps as Nav2's map_server reads and writes them: a YAML file beside a PGM image."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
@@ -17,6 +17,7 @@ WALL_SHADE, FREE_SHADE, UNKNOWN_SHADE = 0, 254, 205
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196   # just below the darkness of 205; at 0.25 unknown would be read as free
 MODES = ('trinary', 'scale', 'raw')
+YAMLS = ('.yaml', '.yml')
 IMAGES = ('.pgm', '.png', '.bmp', '.jpg', '.jpeg', '.gif', '.tif', '.tiff')
 
 
@@ -110,12 +111,21 @@ def image_of(path: Path) -> Path:
 def _fields(path: Path) -> dict[str, Any]:
     """Read a YAML file's fields; MapError where it is none."""
     try:
-        fields = yaml.safe_load(path.read_text())
+        fields = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise MapError(f'{path}: not readable ({reason_of(error)})') from error
     if not isinstance(fields, dict):
         raise MapError(f'{path}: not a map_server YAML file (no key: value lines)')
     return fields
+
+
+def refuse_to_overwrite(read: Iterable[str | Path], folders: Iterable[Path]) -> None:
+    """Raise MapError where map.yaml or map.pgm in these folders is a map that is read."""
+    written = {(folder / name).resolve() for folder in folders for name in ('map.yaml', 'map.pgm')}
+    for path in map(Path, read):
+        for file in (path, *([image_of(path)] if path.suffix.lower() in YAMLS else [])):
+            if file.resolve() in written:
+                raise MapError(f'{file}: the result would overwrite it; give another --output')
 
 
 def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
@@ -132,11 +142,12 @@ def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
     shades[grid.occupied] = WALL_SHADE
     write_pgm(folder / f'{name}.pgm', shades[::-1])
     x, y, theta = (float(v) for v in grid.T_frame_grid)
-    text = (f'image: {name}.pgm\nmode: trinary\nresolution: {grid.resolution!r}\n'
+    image = yaml.safe_dump({'image': f'{name}.pgm'}, allow_unicode=True, width=10 ** 6)
+    text = (f'{image}mode: trinary\nresolution: {grid.resolution!r}\n'
             f'origin: [{x!r}, {y!r}, {theta!r}]\nnegate: 0\n'
             f'occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n')
     path = folder / f'{name}.yaml'
-    path.write_text(text)
+    path.write_text(text, encoding='utf-8')
     return path
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nodes' parameter files for the commands: the same numbers offline as live."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING, TypeVar
@@ -22,6 +22,8 @@ CONFIGS: tuple[type, ...] = (SlamConfig, SlamNodeConfig, TeamConfig, FusionConfi
                              FusionNodeConfig)
 KNOWN = {item.name for config in CONFIGS for item in fields(config)}
 OWN = ('slam_node', 'fusion_node')
+# Of every node, without a meaning for a command.
+ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 Config = TypeVar('Config', bound='DataclassInstance')
 
 
@@ -37,7 +39,7 @@ class Block(NamedTuple):
         return self.nodes.rpartition('/')[2]
 
 
-def read_parameters(paths: Iterable[str | Path]) -> dict[str, Any]:
+def read_parameters(paths: Sequence[str | Path]) -> dict[str, Any]:
     """
     Read ROS 2 parameter files (`config/slam.yaml`, `config/fusion.yaml`); later ones win.
 
@@ -51,14 +53,15 @@ def read_parameters(paths: Iterable[str | Path]) -> dict[str, Any]:
         for block in _own_blocks(Path(path)):
             place = f'{path} ({block.nodes})'
             for name, value in block.values.items():
-                if name not in KNOWN and name != 'use_sim_time':
+                if name not in KNOWN and name.partition('.')[0] not in ROS_OWN:
                     raise InputError(f'{place}: there is no parameter {name!r}')
                 values[name], places[name] = value, place
     for config in CONFIGS:
         try:
             make(config, values)
         except SettingError as error:
-            raise InputError(f'{places[error.name]}: {error}') from error
+            place = places.get(error.name, ', '.join(map(str, paths)))
+            raise InputError(f'{place}: {error}') from error
     return values
 
 

@@ -8,13 +8,11 @@ from pathlib import Path
 
 from somfusion_ros.grid import Grid
 from somfusion_ros.io.errors import InputError
-from somfusion_ros.io.maps import read_map
+from somfusion_ros.io.maps import read_map, YAMLS
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import load_checkpoint
 from somfusion_ros.slam.grid_views import grid_checkpoint
 from somfusion_ros.slam.start import Start
-
-DRAWN = ('.yaml', '.yml')   # endings of a map as map_server has it
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +49,7 @@ def from_map(path: str | Path) -> Beginning:
     Raises InputError, with one line, where it cannot be used.
     """
     try:
-        if Path(path).suffix.lower() not in DRAWN:
+        if Path(path).suffix.lower() not in YAMLS:
             return _load(path, Start(anywhere=True, localization=True))
     except FileNotFoundError:
         raise InputError(f'{path} does not exist') from None

@@ -12,7 +12,8 @@ from typing import Any
 from somfusion_ros import __version__
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.io.console import say
-from somfusion_ros.io.maps import image_of, MapError, read_map, write_map, yaml_of
+from somfusion_ros.io.maps import (image_of, MapError, read_map, refuse_to_overwrite, write_map,
+                                   yaml_of)
 from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
 from somfusion_ros.offline.fusing import draw, fuse_with_progress
 from somfusion_ros.offline.summary import tell_fusion
@@ -45,7 +46,8 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     Raises
     ------
     MapError
-        In one line, where a map or the folder cannot be used.
+        In one line, where a map or the folder cannot be used, or the result would overwrite one
+        of the maps.
 
     Examples
     --------
@@ -61,6 +63,7 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     files = [yaml_of(Path(path)) for path in paths]
     refuse_twice(files)
     named = dict(zip(map_names(files), files))
+    refuse_to_overwrite(files, [Path(output), *(Path(output) / name for name in named)])
     grids = {name: read_map(path) for name, path in named.items()}
     folder = make_folder(output)
     for name, grid in grids.items():

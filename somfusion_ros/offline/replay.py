@@ -15,7 +15,7 @@ from somfusion_ros.geometry import Array
 from somfusion_ros.io.bags.log import BagOptions, Log, open_log, robots_in
 from somfusion_ros.io.console import complain, say
 from somfusion_ros.io.errors import InputError, reason_of
-from somfusion_ros.io.maps import write_map
+from somfusion_ros.io.maps import refuse_to_overwrite, write_map
 from somfusion_ros.io.result import fusion_record, make_folder, write_result, write_robot_map
 from somfusion_ros.io.trajectories import write_tum
 from somfusion_ros.offline.beginning import Beginning, from_map, from_state
@@ -32,6 +32,7 @@ from somfusion_ros.team.view_facts import heard
 from somfusion_ros.team.view_set import ViewSet
 from somfusion_ros.team.view_store import told_bytes
 
+JOINT_FILES = ('joint.tum', 'joint_map.yaml', 'joint_map.pgm')
 STRIDE = 0.2   # [m] of way that counts at once
 
 
@@ -94,6 +95,8 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     logs = {f'robot{number}': log
             for number, log in enumerate(open_logs(bags, options), start=1)}
     beginning = _beginning(options, len(logs))
+    if options.localize is not None:
+        refuse_to_overwrite([options.localize], [Path(output), Path(output) / 'robot1'])
     folder = make_folder(output)
     period = period_of([log.duration for log in logs.values()]) if options.bag else None
     runs = run_robots(logs, options.slam, options.jobs, period, beginning)
@@ -143,8 +146,15 @@ def _views(runs: Mapping[str, RobotRun]) -> dict[str, ViewSet]:
 
 
 def save_joint(folder: Path, runs: Mapping[str, RobotRun], fusion: Fusion) -> None:
-    """Write every robot's path and map at the joint solution, where there is one."""
+    """
+    Write every robot's path and map at the joint solution, where there is one.
+
+    Where there is none, those of an earlier run in the same folder are deleted.
+    """
     joint = fusion.elastic.poses if fusion.elastic else {}
+    for name in runs.keys() - joint.keys():
+        for file in JOINT_FILES:
+            (folder / name / file).unlink(missing_ok=True)
     for name, poses in joint.items():
         run, views = runs[name], fusion.views[name]
         write_tum(folder / name / 'joint.tum', run.stamps,

@@ -4,6 +4,7 @@
 
 from pathlib import Path
 import time
+from types import SimpleNamespace
 
 from helpers import need_data, write_fake_bag
 import numpy as np
@@ -12,6 +13,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import get_typestore, Stores
 from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.io.bags.log import BagError, BagOptions, Log, open_log
+from somfusion_ros.io.bags.odometry import Encoders
 from somfusion_ros.io.bags.reader import BagReader
 from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.slam.motion import Odometry
@@ -269,3 +271,13 @@ def test_real_log_is_read_fast() -> None:
     started = time.perf_counter()
     assert len(scans(open_log(folder))) == 5327
     assert time.perf_counter() - started < 10.0
+
+
+def test_a_joint_that_nobody_measures_takes_no_wheel_along() -> None:
+    """An arm among the joints, say, whose positions are NaN until it is switched on."""
+    encoders = Encoders(BagOptions(wheel_radius=0.1, wheel_separation=0.4), Path('bag'))
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0))
+    for arm, left, heard in ((np.nan, 1.0, True), (0.0, np.nan, False), (0.0, np.inf, False)):
+        message = SimpleNamespace(header=header, position=[arm, left, 1.0],
+                                  name=['arm', 'left_wheel_joint', 'right_wheel_joint'])
+        assert (encoders(message, 0.0) is not None) == heard

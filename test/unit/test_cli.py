@@ -15,8 +15,11 @@ from helpers import ROOT, write_fake_bag
 from pace import patient
 import pytest
 from somfusion_ros import __version__
-from somfusion_ros.cli.main import main
+from somfusion_ros.cli.main import main, parser
+from somfusion_ros.cli.replay import bag_options
 from somfusion_ros.fusion.config import FusionConfig
+from somfusion_ros.geometry import Pose
+from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.errors import InputError
 from somfusion_ros.io.parameters import make, read_parameters
 from somfusion_ros.node_config import FusionNodeConfig, SlamNodeConfig
@@ -71,6 +74,29 @@ def test_parameter_file(tmp_path: Path) -> None:
     assert make(SlamConfig, values).resolution == 0.1
     assert make(SlamConfig, values, resolution=0.2).resolution == 0.2
     assert make(FusionConfig, values).estimation_confidence == 1
+
+
+def test_a_replay_takes_the_lasers_mount_and_the_odometry_of_the_parameter_file() -> None:
+    def options(file: dict[str, object], *given: str) -> BagOptions:
+        command = parser().parse_args(['replay', 'bag', '--output', 'out', *given])
+        return bag_options(command, file)
+
+    file = {'laser_pose': [0.1, 0.0, 0.2], 'odometry_source': 'encoders', 'wheel_radius': 0.1}
+    assert options(file, '--wheel-separation', '0.4') == BagOptions(
+        odometry_source='encoders', laser_pose=Pose.from_array((0.1, 0.0, 0.2)),
+        wheel_radius=0.1, wheel_separation=0.4)
+    assert options(file, '--odometry-source', 'tf', '--laser-pose', '0,0,0') == BagOptions(
+        odometry_source='tf', laser_pose=Pose(0.0, 0.0, 0.0))
+    assert options(read_parameters([ROOT / 'config' / 'slam.yaml'])) == BagOptions()
+
+
+def test_what_ros_takes_in_a_parameter_file_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / 'mine.yaml'
+    path.write_text('slam_node:\n  ros__parameters:\n    use_sim_time: true\n'
+                    '    start_type_description_service: false\n'
+                    '    qos_overrides: {/scan: {subscription: {depth: 5}}}\n'
+                    '    qos_overrides./odom.subscription.depth: 5\n    resolution: 0.1\n')
+    assert make(SlamConfig, read_parameters([path])).resolution == 0.1
 
 
 def test_blocks_of_other_nodes_are_passed_over(tmp_path: Path) -> None:
@@ -179,6 +205,14 @@ def test_a_bad_value_is_told_with_file_and_node(tmp_path: Path, wrong: str) -> N
         read_parameters([good, bad])
     assert str(error.value).startswith(f'{bad} (/**/slam_node): {wrong.partition(":")[0]} ')
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_values_that_contradict_one_another_are_told_with_the_file(tmp_path: Path) -> None:
+    """The one that is named may be a default, which stands in no file."""
+    path = tmp_path / 'two.yaml'
+    path.write_text('/**: {ros__parameters: {scan_topics: a b, mount_source: laser_pose}}')
+    with pytest.raises(InputError, match=f'^{path}: laser_pose is the mount of one laser'):
+        read_parameters([path])
 
 
 def test_names_of_robots_and_topics_are_taken() -> None:

@@ -46,6 +46,13 @@ def test_roundtrip(tmp_path: Path, yaw: float) -> None:
     assert np.array_equal(back.evidence, grid.evidence)
 
 
+@pytest.mark.parametrize('name', ['floor: 2', '#1', '- a', "the robot's", 'Küche', 'a' * 120])
+def test_a_map_of_any_name_is_read_again(name: str, tmp_path: Path) -> None:
+    path = write_map(tmp_path, Grid(np.ones((2, 3), np.float32), 0.05), name)
+    assert path.name == f'{name}.yaml'
+    assert read_map(path).shape == (2, 3)
+
+
 def test_unsure_cells_are_written_as_unknown(tmp_path: Path) -> None:
     grid = Grid(np.array([[-1.0, -0.31, -0.29, 0.0, 0.59, 0.62, 1.0]], np.float32), 0.05)
     write_map(tmp_path, grid)

@@ -108,6 +108,17 @@ def test_names() -> None:
     assert map_names([Path('/a/map.yaml'), Path('/a/map.yaml')]) == ['a', 'a_2']
 
 
+def test_a_map_that_the_result_would_overwrite_is_kept(tmp_path: Path) -> None:
+    """The result of two maps is not one of them, and the pixels that it changes are not back."""
+    for name in ('map', 'robot1/map', 'other'):
+        write_map(tmp_path / Path(name).parent, fake_grid(fake_room()), Path(name).name)
+    before = {path: path.read_bytes() for path in tmp_path.rglob('map.*')}
+    for pair, kept in ((('map', 'other'), 'map.yaml'), (('robot1/map', 'map'), 'map.yaml')):
+        with pytest.raises(MapError, match=f'{kept}: the result would overwrite it'):
+            merge([tmp_path / f'{name}.yaml' for name in pair], tmp_path, pictures=False)
+    assert {path: path.read_bytes() for path in tmp_path.rglob('map.*')} == before
+
+
 def test_agreement_of_a_map_with_itself_and_moved() -> None:
     grid = fake_grid(fake_room())
     same = compare(grid, grid, Pose())

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 from helpers import fake_room, fake_scan, pose_error, ROOT, write_fake_bag
@@ -18,7 +19,7 @@ from somfusion_ros.io.bags.log import open_log
 from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.io.maps import read_map
 from somfusion_ros.io.trajectories import read_tum, write_tum
-from somfusion_ros.offline.replay import replay, ReplayOptions
+from somfusion_ros.offline.replay import JOINT_FILES, replay, ReplayOptions, save_joint
 from somfusion_ros.offline.robot_run import paired
 from somfusion_ros.slam.pairing import Pairing
 
@@ -166,3 +167,14 @@ def test_the_team_gets_one_elastic_map(result: tuple[Path, dict], bags: tuple) -
         stamps, _ = read_tum(folder / robot / 'joint.tum')
         assert np.array_equal(stamps, read_tum(folder / robot / 'trajectory.tum')[0])
         assert read_map(folder / robot / 'joint_map.yaml').occupied.any()
+
+
+def test_a_joint_map_of_an_earlier_run_is_not_left_beside_a_rigid_result(tmp_path: Path) -> None:
+    """The report would draw it as the bent map of what was replayed now."""
+    runs: Any = {'robot1': None, 'robot2': None}
+    for name in runs:
+        (tmp_path / name).mkdir()
+        for file in JOINT_FILES:
+            (tmp_path / name / file).write_text('of an earlier run')
+    save_joint(tmp_path, runs, SimpleNamespace(elastic=None))
+    assert not [path for path in tmp_path.rglob('*') if path.is_file()]

@@ -4,6 +4,7 @@
 
 import json
 from pathlib import Path
+import shutil
 from typing import Any
 
 from helpers import pose_error, write_fake_bag
@@ -109,12 +110,14 @@ def test_one_flipped_bit_of_a_state_costs_neither_the_map_nor_the_start(
 @pytest.mark.parametrize(('options', 'words'), [
     (['--localize', 'nowhere.yaml'], 'nowhere.yaml'), (['--localize', 'nowhere'], 'nowhere'),
     (['--localize', 'text'], 'not a usable checkpoint'),
-    (['--state', 'text'], 'not a usable checkpoint')])
+    (['--state', 'text'], 'not a usable checkpoint'),
+    (['--localize', 'out/map.yaml'], 'would overwrite')])
 def test_what_cannot_be_used_is_named_in_one_line(
         options: list[str], words: str, first: tuple[Path, Path, Array], tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     Path('text').write_text('this is no state')
+    shutil.copytree(first[0] / 'out', 'out')
     assert main(['replay', str(first[1]), '--output', 'out', *options]) == 2
     error = capsys.readouterr().err.strip()
     assert words in error

@@ -66,7 +66,7 @@ class Encoders:
                                f'{", ".join(names)}')
             return None
         positions = np.asarray(message.position, dtype=float)
-        if len(positions) <= max(left, right) or not np.isfinite(positions).all():
+        if len(positions) <= max(left, right) or not np.isfinite(positions[[left, right]]).all():
             return None
         wheels = positions[[left, right]]
         when = stamp(message.header, log_time)
