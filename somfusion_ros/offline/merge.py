@@ -46,8 +46,7 @@ def merge(paths: Sequence[str | Path], output: str | Path, config: FusionConfig 
     Raises
     ------
     MapError
-        In one line, where a map or the folder cannot be used, or the result would overwrite one
-        of the maps.
+        In one line, where a map or the folder cannot be used, or a map would be overwritten.
 
     Examples
     --------
