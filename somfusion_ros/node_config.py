@@ -66,7 +66,7 @@ class SlamNodeConfig:
         ('scan',), '', None, None,
         'Topics of the laser scans, as a list or as one text with blanks or commas between them; '
         'several for several lasers on one robot, each with a mount on /tf_static. LaserScan, '
-        'MultiEchoLaserScan and PointCloud2 are read.', words=True, name=True)
+        'MultiEchoLaserScan and PointCloud2 are read.', words=True, name='topic')
     use_peers: bool = parameter(
         False, '', None, None,
         "Show map, pose and path as the team's views straighten them, where fusion_node runs; the "
@@ -91,7 +91,7 @@ class SlamNodeConfig:
         '', '', None, None,
         'Topic of a map to localise in, where map_file is empty, for instance the global_map of '
         'another robot: the first map that comes is taken; used with mode localization.',
-        name=True)
+        name='topic')
     map_directory: str = parameter(
         '.', '', None, None,
         'Folder of the files that save_map and serialize_map write; ~ is the home folder.',
@@ -135,17 +135,18 @@ class FusionNodeConfig:
 
     robot_name: str = parameter(
         '', '', None, None,
-        'Name under which the other robots know this one; empty takes the namespace.', name=True)
+        'Name under which the other robots know this one; empty takes the namespace.',
+        name='robot')
     peers: tuple[str, ...] = parameter(
         ('',), '', None, None,
         'Names of the robots to merge with, as a list or as one text with blanks or commas '
-        'between them; empty merges with every robot that shows up.', words=True, name=True)
+        'between them; empty merges with every robot that shows up.', words=True, name='robot')
     robot_map_topic: str = parameter(
         'map', '', None, None,
-        'Last name of the topic on which every robot publishes its own map.', name=True)
+        'Last name of the topic on which every robot publishes its own map.', name='topic')
     merged_map_topic: str = parameter(
         'global_map', '', None, None,
-        'Topic of the merged map.', name=True)
+        'Topic of the merged map.', name='topic')
     world_frame: str = parameter(
         'world', '', None, None,
         'Frame that all robots of a connected team share; prefix it where they share one /tf.')

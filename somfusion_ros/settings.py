@@ -15,7 +15,9 @@ import re
 from typing import Any
 
 KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
-NAME = re.compile(r'[~/]*([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?')
+PARTS = r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*'
+NAMES = {'robot': re.compile(rf'/?{PARTS}/?', re.ASCII),
+         'topic': re.compile(rf'(~/|/)?{PARTS}', re.ASCII)}
 PLURALS = {float: 'numbers', str: 'texts'}
 
 
@@ -32,13 +34,14 @@ class SettingError(ValueError):
 
 def parameter(default: Any, unit: str, low: float | None, high: float | None,
               description: str, live: bool = False, words: bool = False,
-              among: tuple[str, ...] = (), name: bool = False) -> Any:
+              among: tuple[str, ...] = (), name: str = '') -> Any:
     """
     Make a dataclass field that carries its unit, range (None: open) and sentence.
 
     live: a node takes changes of it while it runs, even where its class is read at the start;
     words: a list of words, which may come as one text, separated by blanks or commas;
-    among: the texts of which it is one; name: of a robot or a topic, as ROS allows it.
+    among: the texts of which it is one; name: `robot` or `topic`, where it is the name of one, as
+    ROS allows it, or empty where the default is.
     """
     return field(default=default, metadata={
         'unit': unit, 'low': low, 'high': high, 'description': description, 'live': live,
@@ -84,12 +87,18 @@ def _check(item: Field[Any], value: Any) -> None:
     texts = value if isinstance(value, tuple) else (value,)
     words = [word for text in texts for word in re.split(r'[\s,]+', text)
              ] if item.metadata['words'] else texts
-    if item.metadata['name'] and not all(NAME.fullmatch(word) for word in words):
+    named = NAMES.get(item.metadata['name'])
+    if named and not all(named.fullmatch(word) if word else _may_be_empty(item) for word in words):
         raise _refusal(item, value)
     numeric = isinstance(value, (int, float)) and not isinstance(value, bool)
     if (among and value not in among) or (numeric and (
             (low is not None and not value >= low) or (high is not None and not value <= high))):
         raise _refusal(item, value)
+
+
+def _may_be_empty(item: Field[Any]) -> bool:
+    """Tell whether a name may be left out."""
+    return bool(item.metadata['words'] or not item.default)
 
 
 def _of_kind(kind: type[Any], value: Any) -> Any:
@@ -109,7 +118,7 @@ def _refusal(item: Field[Any], value: Any) -> SettingError:
     if item.metadata['among']:
         allowed = f'one of {", ".join(item.metadata["among"])}'
     if item.metadata['name']:
-        allowed += ' of letters, digits, _ and /'
+        allowed += f' of letters, digits, _ and /, as the name of a {item.metadata["name"]}'
     within = f' in {span(item)}' if span(item) else ''
     told = list(value) if isinstance(value, tuple) else value
     return SettingError(item.name, f'= {told!r} must be {allowed}{within}')

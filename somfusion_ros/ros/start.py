@@ -1,7 +1,7 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The way into every node process.
+The way into every process that needs ROS.
 
 What a node needs takes seconds to import. A signal that comes meanwhile, as when a launch is
 stopped at once, ends the process with status 0 and without a traceback.
@@ -30,7 +30,7 @@ def start(module: str) -> int:
     except ImportError as error:
         if (error.name or '').startswith('somfusion_ros'):
             raise
-        sys.stderr.write(f'{Path(sys.argv[0]).name}: {error}: {NO_ROS}\n')
+        sys.stderr.write(f'{Path(sys.argv[0]).stem}: {error}: {NO_ROS}\n')
         return 1
     return int(main())
 
@@ -47,15 +47,32 @@ def fusion_node() -> int:
 
 def help_for(node: str) -> int:
     """Write how a node is used, and end, where that is asked for."""
-    if not {'-h', '--help'} & set(sys.argv[1:]):
+    if not asks_for_help():
         return 0
     sys.stdout.write(import_module('somfusion_ros.ros.common.usage').usage(node))
     raise SystemExit(0)
 
 
+def asks_for_help() -> bool:
+    """Tell whether somebody wants to know how a program is used, which needs no ROS."""
+    return bool({'-h', '--help'} & set(sys.argv[1:]))
+
+
 def player() -> int:
     """Run the player of bags."""
-    return start('somfusion_ros.ros.apps.player')
+    return app('player')
+
+
+def watch() -> int:
+    """Run `somfusion watch`."""
+    return app('watch')
+
+
+def app(name: str) -> int:
+    """Run a program that is no node of a robot; tell how it is used where that is asked for."""
+    if asks_for_help():
+        import_module(f'somfusion_ros.ros.apps.{name}_options').parse(['--help'])
+    return start(f'somfusion_ros.ros.apps.{name}')
 
 
 def leave(*_: Any, status: int = 0) -> None:

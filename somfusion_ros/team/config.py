@@ -28,7 +28,7 @@ class TeamConfig:
         '', '', None, None,
         'Robot whose map frame is world wherever it is connected, so that its world never moves; '
         'the same on every robot. Empty: of the connected robots the one whose name sorts first.',
-        name=True)
+        name='robot')
     robot_radius: float = parameter(
         0.35, 'm', 0.0, 10.0,
         "Walls within this distance of a robot's path, which its own map shows as free, are taken "

@@ -3,6 +3,7 @@
 """A managed node gives back what a state created, and answers whatever happens in a service."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 from helpers import need_ros
@@ -71,6 +72,22 @@ def test_a_step_that_fails_is_undone(node: ManagedNode) -> None:
     assert len(list(node.publishers)) == before
     with pytest.raises(ValueError, match='not today'):
         node.autostart()
+
+
+def test_why_a_node_does_not_start_is_said_once(node: ManagedNode,
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the process, in its last line; a manager, who starts it later, reads it in the log."""
+    said: list[str] = []
+    monkeypatch.setattr(node, 'get_logger', lambda: SimpleNamespace(error=said.append))
+
+    def configure() -> None:
+        raise ValueError('not today')
+    node.configure = configure
+    assert node.trigger_configure() is TransitionCallbackReturn.FAILURE
+    assert said == ['not today']
+    with pytest.raises(ValueError, match='not today'):
+        node.autostart()
+    assert said == ['not today']
 
 
 def test_calls_that_wait_are_answered_when_the_node_is_deactivated(node: ManagedNode) -> None:

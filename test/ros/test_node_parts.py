@@ -30,6 +30,7 @@ from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
 from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
 from somfusion_ros.ros.apps import player  # noqa: E402
 from somfusion_ros.ros.apps.recording import Recording  # noqa: E402
+from somfusion_ros.ros.common.conversions import transform_message  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.frames import Frames  # noqa: E402
@@ -386,3 +387,25 @@ def test_where_the_team_has_the_own_views_is_told_and_heard() -> None:
     message.poses[0].pose.position.x = float('nan')
     node.heard['/joint_path'](message)
     assert len(taken) == 1
+
+
+def test_the_mount_of_a_second_laser_that_comes_later_on_tf_is_heard() -> None:
+    """A robot without tf_static repeats the mounts of both on /tf, one after the other."""
+    heard: dict[str, Any] = {}
+    node = SimpleNamespace(
+        get_logger=Log, get_namespace=lambda: '/robot1',
+        create_subscription=lambda kind, topic, take, *_: heard.update({topic: take}) or topic,
+        destroy_subscription=heard.pop)
+    mounts = Mounts(node, None, lambda kind, reason='': None)
+
+    def repeat(laser: str) -> None:
+        if '/tf' in heard:
+            heard['/tf'](SimpleNamespace(transforms=[transform_message(
+                Pose(0.2, 0.0, 0.0), 'base_link', laser, Time())]))
+    repeat('front')
+    assert mounts.find('base_link', 'front') is not None
+    assert '/tf' not in heard, 'it is busy, and all is known'
+    assert mounts.find('base_link', 'back') is None
+    repeat('back')
+    assert mounts.find('base_link', 'back') is not None
+    assert '/tf' not in heard

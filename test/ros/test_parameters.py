@@ -90,7 +90,8 @@ def test_bad_values_are_refused_by_name(config: type, name: str, value: object,
     ('/*/tested: {ros__parameters: {resolution: 7.0}}\n'
      'tested: {ros__parameters: {resolution: 8.0}}', [], 'FILE (/*/tested)'),
     ('/**: {ros__parameters: {resolution: 0.1}}', ['-p', 'resolution:=7'], '-p'),
-    ('/**: {ros__parameters: {resolution: 0.1}}', ['-p', 'tested:resolution:=7.0'], '-p')])
+    ('/**: {ros__parameters: {resolution: 0.1}}', ['-p', 'tested:resolution:=7.0'], '-p'),
+    ('/**: {ros__parameters: {resolution: 7.0}}', ['-p', 'other:resolution:=0.1'], 'FILE (/**)')])
 def test_a_bad_value_is_told_with_where_it_stands(
         blocks: str, more: list[str], told: str, context: rclpy.Context, tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,6 +130,22 @@ def test_a_file_with_blocks_for_others_alone_is_named(nodes: str, meant: bool,
     wrong = not meant and nodes.endswith('slam_node')
     assert said == ([f'{path} has no effect on /robot1/slam_node: it is for {nodes}; '
                      '/**/slam_node would be for that node in every namespace'] if wrong else [])
+
+
+@pytest.mark.parametrize(('namespace', 'name', 'heard'), [
+    ('/', 'slam_node', True), ('/robot1', 'slam_node', False), ('/', 'fusion_node', False)])
+def test_a_parameter_for_a_node_of_another_name_or_place_is_named(
+        namespace: str, name: str, heard: bool, context: rclpy.Context) -> None:
+    """`-p slam_node:x:=1` is for /slam_node alone, as ROS itself takes it."""
+    arguments = ['--ros-args', '-p', f'{name}:resolution:=0.1', '-p', 'resolution:=0.1',
+                 '-p', 'map_file:=/a:b']
+    node = Node('slam_node', context=context, namespace=namespace, cli_args=arguments[:3])
+    assert ('resolution' in node._parameter_overrides) == heard
+    said = in_vain(node.get_fully_qualified_name(), arguments)
+    assert said == ([] if heard else [
+        f'-p {name}:resolution:=0.1 has no effect on {node.get_fully_qualified_name()}: it is for '
+        f'the node /{name}; without {name}: it would be for this one'])
+    node.destroy_node()
 
 
 @pytest.mark.parametrize('given', ['robot2 robot3', 'robot2, robot3', 'robot2,robot3',

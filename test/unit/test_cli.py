@@ -161,12 +161,18 @@ class NoRos(abc.MetaPathFinder):
             raise ModuleNotFoundError(f'No module named {name!r}', name=name)
 sys.meta_path.insert(0, NoRos())
 from somfusion_ros.ros import start
-sys.argv, node = ['bin/node'], sys.argv[1]
+sys.argv, node = ['bin/node', *sys.argv[2:]], sys.argv[1]
 sys.exit(getattr(start, node)())
 """
-    for which in ('slam_node', 'fusion_node', 'player'):
-        done = subprocess.run([sys.executable, '-c', code, which],
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([sys.executable, '-c', code, *arguments],
                               capture_output=True, text=True, timeout=60, env=ENVIRONMENT)
+
+    for which in ('slam_node', 'fusion_node', 'player', 'watch'):
+        helped, done = run(which, '--help'), run(which)
+        assert (helped.returncode, helped.stderr) == (0, '')
+        assert helped.stdout.startswith('usage: ')
         assert done.returncode == 1
         assert len(done.stderr.splitlines()) == 1
         assert done.stderr.startswith('node: No module named ')
@@ -195,7 +201,8 @@ def test_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
     'initial_poses: [robot1 1 2]', 'use_peers: 1', 'seeds: 1.5', 'method: sam',
     'map_update_interval: .nan', 'robot_name: a b', 'map_topic: a!', 'peers: robot-2',
     'scan_topics: "front/scan, b!"', 'world_anchor: 2nd', 'mode: localization',
-    'resolution: true'])
+    'resolution: true', 'robot_map_topic: map/', 'merged_map_topic: ""', 'scan_topics: scan/',
+    'robot_name: küche', 'map_topic: a//b'])
 def test_a_bad_value_is_told_with_file_and_node(tmp_path: Path, wrong: str) -> None:
     """Also of a parameter that the command does not use: the node would not start with it."""
     good, bad = tmp_path / 'good.yaml', tmp_path / 'bad.yaml'

@@ -23,6 +23,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, LaserScan, MultiEchoLaserScan, PointCloud2
 from somfusion_ros.io.bags.topics import IMU, JOINTS, ODOMETRY
 from somfusion_ros.io.frame_names import plain
+from somfusion_ros.ros.apps.player_options import parse
 from somfusion_ros.ros.apps.recording import (align, Record, Recording, SCANS, together,
                                               TRANSFORMS)
 from somfusion_ros.ros.common import conversions as convert
@@ -179,19 +180,7 @@ def prefixes(options: argparse.Namespace) -> list[str]:
 
 def main(args: list[str] | None = None) -> int:
     """Play bags: `player BAG [BAG ...] [--rate R] [--clock] --ros-args -r __ns:=/robot1`."""
-    parser = argparse.ArgumentParser(prog='player', description=main.__doc__)
-    parser.add_argument('bags', nargs='+', metavar='BAG',
-                        help='rosbag2 folder, .mcap, .db3 or rosbag1 file')
-    parser.add_argument('--robots', nargs='+', metavar='NAME',
-                        help='namespaces of the bags (several bags: robot1 robot2 ...)')
-    parser.add_argument('--rate', type=float, default=1.0, help='times real time')
-    parser.add_argument('--clock', action='store_true',
-                        help='publish the time of recording on /clock, for use_sim_time')
-    parser.add_argument('--wait', type=float, default=10.0,
-                        help='seconds to wait for listeners before playing')
-    options = parser.parse_args(plain_args(args))
-    if not options.rate > 0:
-        parser.error('--rate must be positive')
+    options = parse(plain_args(args))
     return run(partial(PlayerNode, options), args)
 
 

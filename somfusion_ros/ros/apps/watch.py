@@ -9,7 +9,6 @@ the team once.
 
 import argparse
 from functools import partial
-from pathlib import Path
 import sys
 import threading
 import time
@@ -23,6 +22,7 @@ from rich.console import Console
 from rich.live import Live
 from somfusion_ros.grid import MAX_CELLS
 from somfusion_ros.report.watch_view import Health, HeardTeam, view
+from somfusion_ros.ros.apps.watch_options import parse
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.peers import find_peers, robot_of
@@ -113,18 +113,7 @@ class WatchNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Show a team's maps in the terminal as they merge."""
-    parser = argparse.ArgumentParser(prog='somfusion watch', description=main.__doc__)
-    parser.add_argument('--once', action='store_true', help='show the team once and end')
-    parser.add_argument('--wait', type=float, default=5.0, metavar='S',
-                        help='with --once: how long to listen [s] (default 5)')
-    parser.add_argument('--map-topic', default=names.MAP, metavar='NAME',
-                        help="last name of the robots' map topics (default map)")
-    parser.add_argument('--svg', metavar='FILE', help='also keep the last picture as SVG')
-    options = parser.parse_args(plain_args(args))
-    if not 0.0 <= options.wait < float('inf'):
-        parser.error(f'--wait {options.wait} is no time in seconds')
-    if options.svg and not Path(options.svg).parent.is_dir():
-        parser.error(f'--svg {options.svg}: there is no such folder')
+    options = parse(plain_args(args))
     return run(lambda stop: WatchNode(options, stop), args)
 
 

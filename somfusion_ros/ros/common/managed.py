@@ -35,7 +35,7 @@ class ManagedNode(LifecycleNode):
         self._waiting = MutuallyExclusiveCallbackGroup()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)   # goes on in a paused simulation
         self._pending: set[Future] = set()
-        self._failure = ''
+        self._failure, self._reports = '', True   # why a step failed; whether that is logged
 
     def configure(self) -> None:
         """Load what the node starts from, and create its publishers and services."""
@@ -71,12 +71,14 @@ class ManagedNode(LifecycleNode):
             self.autostart()
 
     def autostart(self) -> None:
-        """Configure and activate; ValueError with the reason where that fails."""
+        """Configure and activate; ValueError with the reason, not logged, where that fails."""
+        self._reports = False
         done = self.trigger_configure()
         if done is TransitionCallbackReturn.SUCCESS:
             done = self.trigger_activate()
         if done is not TransitionCallbackReturn.SUCCESS:
             raise ValueError(self._failure)
+        self._reports = True
 
     def close(self, timeout: float) -> bool:
         """Stop the threads at the end of the process; return whether they ended in time."""
@@ -174,7 +176,8 @@ class ManagedNode(LifecycleNode):
         except Exception as error:
             self._failure = sentence(error) if isinstance(error, (OSError, ValueError)) else (
                 repr(error))
-            self.get_logger().error(self._failure)
+            if self._reports:
+                self.get_logger().error(self._failure)
             undo()
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS

@@ -10,6 +10,7 @@ from somfusion_ros.io.errors import InputError
 from somfusion_ros.io.parameters import Block, blocks_of
 
 PARAMETER, FILE = ('-p', '--param'), '--params-file'
+PREFIXED = re.compile(r'([^:]+):([^:]+):=')   # the name of a node before that of a parameter
 
 
 def origin(parameter: str, node: str, arguments: Sequence[str]) -> str:
@@ -24,15 +25,24 @@ def origin(parameter: str, node: str, arguments: Sequence[str]) -> str:
             for block in _blocks(value):
                 if parameter in block.values and is_for(block.nodes, node):
                     found = f'{value} ({block.nodes})'
-        elif re.match(rf'([^:]+:)?{re.escape(parameter)}:=', value):
+        elif _named(value, parameter, node):
             found = option
     return found
 
 
 def in_vain(node: str, arguments: Sequence[str]) -> list[str]:
-    """Name every parameter file that has a block for nodes of this name, but not for this one."""
+    """
+    Name what on the command line gives no parameter to a node, though it looks as if it did.
+
+    Files that have a block for nodes of its name, but not for this one; and `-p name:x:=1`, by
+    which ROS means a node of that name in the root namespace.
+    """
     said = []
     for option, value in _options(arguments):
+        told = PREFIXED.match(value) if option in PARAMETER else None
+        if told and not is_for(told[1], node):
+            said.append(f'{option} {value} has no effect on {node}: it is for the node '
+                        f'/{told[1]}; without {told[1]}: it would be for this one')
         meant = [block for block in _blocks(value) if block.node == node.rpartition('/')[2]
                  ] if option == FILE else []
         if meant and not any(is_for(block.nodes, node) for block in _blocks(value)):
@@ -51,6 +61,14 @@ def is_for(nodes: str, node: str) -> bool:
     pattern = re.escape('/' + nodes.lstrip('/'))
     pattern = pattern.replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
     return re.fullmatch(pattern, node) is not None
+
+
+def _named(assignment: str, parameter: str, node: str) -> bool:
+    """Tell whether `x:=1`, or `node:x:=1`, gives a node this parameter."""
+    told = PREFIXED.match(assignment)
+    if told:
+        return told[2] == parameter and is_for(told[1], node)
+    return assignment.partition(':=')[0] == parameter
 
 
 def _options(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:

@@ -38,23 +38,24 @@ class Mounts:
     Where lasers sit on the robot.
 
     A mount that is given goes before TF; without TF it sits at the base. Fixed transforms that a
-    robot repeats on /tf count as well; that topic is busy, so it is heard only until the mount is
-    known. A transform that is corrected later on /tf_static is taken from then on, and counted.
+    robot repeats on /tf count as well; that topic is busy, so it is heard only while a mount is
+    wanted. A transform that is corrected later on /tf_static is taken from then on, and counted.
     """
 
     def __init__(self, node: Any, given: Sequence[float] | None,
                  count: Callable[..., None]) -> None:
         self._given = None if given is None else Mount(Pose.from_array(given))
         self._known: dict[tuple[str, str], Mount] = {}
-        self._tree, self._node, self._count, self._repeated = FrameTree(), node, count, None
+        self._tree, self._node, self._count = FrameTree(), node, count
+        self._repeated: Any = None
         kind = None if self._given else transform_type(node)
         if kind is None:
             self._given = self._given or Mount(Pose())
             return
         self._robot = node.get_namespace().strip('/')
         node.create_subscription(kind, names.TF_STATIC, self._on_static, qos.STATIC_TRANSFORMS)
-        self._repeated = node.create_subscription(kind, names.TF, self._on_repeated,
-                                                  qos.TRANSFORMS)
+        self._kind = kind
+        self._hear_repeated()
 
     def find(self, base_frame: str, laser_frame: str) -> Mount | None:
         """Return a mount; None while TF does not know it, ValueError where it is tilted."""
@@ -64,12 +65,19 @@ class Mounts:
         if frames not in self._known:
             mount = self._tree.mount(base_frame, laser_frame, self._robot)
             if mount is None:
+                self._hear_repeated()   # another laser's is known already
                 return None
             self._known[frames] = mount
             if self._repeated is not None:
                 self._node.destroy_subscription(self._repeated)
                 self._repeated = None
         return self._known[frames]
+
+    def _hear_repeated(self) -> None:
+        """Listen to /tf, unless that is done already."""
+        if self._repeated is None:
+            self._repeated = self._node.create_subscription(
+                self._kind, names.TF, self._on_repeated, qos.TRANSFORMS)
 
     def hint(self, base_frame: str, laser_frame: str) -> str:
         """Words on frames that are spelt like the laser's, '' where there are none."""

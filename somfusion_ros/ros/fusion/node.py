@@ -94,6 +94,7 @@ class FusionNode(ManagedNode):
     def activate(self) -> None:
         """Listen to the robot and its peers, and start the thread that works."""
         part, config = self.active_part, self._config
+        self._worker = Worker(self._work, self.count_error)
         receiver = Receiver(self._inbox, self._sightings, config.max_map_cells, self._count)
         self._since = time.monotonic()
         self._link = TeamLink(part, self._prefix, receiver, self._count)
@@ -116,7 +117,6 @@ class FusionNode(ManagedNode):
         self.every(REPORT_PERIOD, self._report)
         if self._transforms.period > 0.0:
             self.every(self._transforms.period, self._transforms.send)
-        self._worker = Worker(self._work, self.count_error)
         self._worker.start()
 
     def deactivate(self, timeout: float) -> bool:
