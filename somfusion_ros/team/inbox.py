@@ -63,7 +63,7 @@ class Inbox:
         self._gone: list[str] = []       # who is heard no more, for the worker to forget
         self._since: dict[str, int] = {}
         self._path: list[tuple[float, float]] | None = None
-        self._own: MapCells | None = None    # the robot's own newest map
+        self.own: MapCells | None = None     # the robot's own newest map
 
     def keep(self, robot: str, channel: str, message: Any, size: int,
              read: Callable[[Any], Any], rank: int = 0) -> None:
@@ -133,7 +133,7 @@ class Inbox:
             self._session.forget(self._gone.pop())
         for robot, epoch, keep_map in self.plain.changed(self._clock()):
             self._begin(robot, epoch, keep_map)
-            own = self._own if robot == self.name and keep_map else own   # as that of its epoch
+            own = self.own if robot == self.name and keep_map else own   # as that of its epoch
         self._give_back()
         for robot, channel in self._unread.addresses():
             if channel != STATE and self._clock() < self.heard[robot].taken_until:
@@ -176,7 +176,7 @@ class Inbox:
             raise NotYet
         self._begin(robot, epoch)
         changed = self._session.take_map(robot, shared)
-        self._own = cells if changed and robot == self.name else self._own
+        self.own = cells if changed and robot == self.name else self.own
         return cells if changed else None
 
     def _take_stream(self, robot: str, message: bytes) -> MapCells | None:

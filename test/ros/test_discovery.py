@@ -11,7 +11,7 @@ need_ros()
 
 from somfusion_ros.fusion.config import FusionConfig  # noqa: E402
 from somfusion_ros.node_config import FusionNodeConfig  # noqa: E402
-from somfusion_ros.ros.common.names import (STATE_TYPE, TEAM_DEPARTED,  # noqa: E402
+from somfusion_ros.ros.common.names import (MAP_TYPE, STATE_TYPE, TEAM_DEPARTED,  # noqa: E402
                                             TEAM_DEPARTED_VIEWS, TEAM_STATE)
 from somfusion_ros.ros.fusion.departed_link import DepartedLink  # noqa: E402
 from somfusion_ros.ros.fusion.discovery import Discovery, MOST_PEERS  # noqa: E402
@@ -123,3 +123,15 @@ def test_views_of_a_robot_that_is_gone_are_waited_for_though_its_map_has_come() 
     link.fetch({'robot3': 'robot2'}, {'robot3'})
     link.fetch({}, set())      # it is back
     assert node.subscriptions == []
+
+
+def test_a_robot_without_a_fusion_node_is_heard_again_after_a_deactivation() -> None:
+    """The inbox, which outlives the subscriptions, knows it; that is no reason not to listen."""
+    node, discovery = a_discovery()
+    again = Discovery(node, '', FusionNodeConfig(plain_map_delay=0.0), discovery._link,
+                      discovery._receiver)
+    node.get_topic_names_and_types = lambda: [('/robot2/map', [MAP_TYPE])]
+    discovery._heard['robot2'] = Heard()
+    for _ in range(2):
+        again.look()
+    assert node.subscriptions.count('/robot2/map') == 1

@@ -20,16 +20,21 @@ from somfusion_ros.team.config import TeamConfig
 need_ros()
 
 from builtin_interfaces.msg import Time  # noqa: E402, I100
-from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from geometry_msgs.msg import PoseWithCovarianceStamped  # noqa: E402
+from nav_msgs.msg import OccupancyGrid  # noqa: E402
 from rclpy.clock import Clock  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import Imu, LaserScan, PointCloud2  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
+from somfusion_ros.offline.beginning import Beginning  # noqa: E402
 from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
+from somfusion_ros.report.watch_view import HeardTeam  # noqa: E402
 from somfusion_ros.ros.apps import player  # noqa: E402
 from somfusion_ros.ros.apps.recording import Recording  # noqa: E402
+from somfusion_ros.ros.apps.watch import WatchNode  # noqa: E402
 from somfusion_ros.ros.common.conversions import transform_message  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
@@ -40,7 +45,11 @@ from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
 from somfusion_ros.ros.fusion.view_link import ViewLink  # noqa: E402
 from somfusion_ros.ros.slam.joint_path import JointPath  # noqa: E402
 from somfusion_ros.ros.slam.odometry_input import OdometryInput  # noqa: E402
+from somfusion_ros.ros.slam.pipeline import Pipeline  # noqa: E402
+from somfusion_ros.ros.slam.status import Last  # noqa: E402
+from somfusion_ros.slam.config import SlamConfig  # noqa: E402
 from somfusion_ros.slam.epoch import Epoch  # noqa: E402
+from somfusion_ros.slam.session import Session  # noqa: E402
 from somfusion_ros.team.constraint import MapConstraint  # noqa: E402
 from somfusion_ros.team.heard import Heard, TimedPose  # noqa: E402
 from somfusion_ros.team.session import FusionSession  # noqa: E402
@@ -409,3 +418,60 @@ def test_the_mount_of_a_second_laser_that_comes_later_on_tf_is_heard() -> None:
     repeat('back')
     assert mounts.find('base_link', 'back') is not None
     assert '/tf' not in heard
+
+
+def test_a_map_that_is_drawn_while_a_reset_comes_is_not_published() -> None:
+    """It would be of the old epoch, told after that of the new one."""
+    said: list[Any] = []
+    publisher = SimpleNamespace(epoch=said.append, grid=lambda *_: said.append('map'),
+                                map_message=lambda *_: OccupancyGrid())
+    pipeline = Pipeline(lambda beginning: Session(SlamConfig(), 0.5, lambda *_: None), Beginning(),
+                        SimpleNamespace(), publisher, Last(), lambda *_: None, print)
+    pipeline._mapper = SimpleNamespace(stopping=False)
+    old, grid = pipeline.session.slam, fake_grid(fake_room())
+    pipeline._publish_map(old, grid, None)
+    assert (said[1:], pipeline.map) == (['map'], OccupancyGrid())
+    pipeline._begin(Beginning())
+    pipeline._publish_map(old, grid, None)
+    assert said.count('map') == 1
+    assert pipeline.map is None, 'dynamic_map would answer with it'
+
+
+@pytest.mark.parametrize(('odom', 'base', 'chosen'), [
+    ('robot1/odom', 'base_link', 'robot1/odom'), ('robot2/odom', 'base_link', 'robot2/odom'),
+    ('drifting', 'body', 'drifting'), ('no_such', 'base_link', 'robot2/odom')])
+def test_the_odometry_in_tf_is_that_of_odom_frame(odom: str, base: str, chosen: str) -> None:
+    """Several robots share one /tf, and this one has no namespace that would tell which it is."""
+    heard, poses, counted = {}, [], []
+    node = SimpleNamespace(
+        get_clock=Clock, get_logger=Log, get_namespace=lambda: '/',
+        create_subscription=lambda kind, topic, take, *_, **__: (
+            heard.update({topic: take}) or SimpleNamespace(topic_name=topic)))
+    config = SlamNodeConfig(odometry_source='tf', odom_frame=odom, base_frame=base)
+    OdometryInput(node, config, lambda stamp, pose, slip: poses.append(pose[0]), print,
+                  lambda kind, reason: counted.append(kind))
+    places = {'robot1/odom': 1.0, 'robot2/odom': 2.0, 'drifting': 3.0}
+    for x in (0.0, float('nan')):
+        heard['/tf'](SimpleNamespace(transforms=[transform_message(
+            Pose(place + x, 0.0, 0.0), parent,
+            'body' if parent == 'drifting' else parent.replace('odom', 'base_link'), Time(sec=1))
+            for parent, place in places.items()]))
+    assert (poses, counted) == ([places[chosen]], ['odometry_not_finite'])
+
+
+def test_watch_shows_what_the_teams_nodes_say_and_no_driver() -> None:
+    watch, message = SimpleNamespace(_team=HeardTeam()), DiagnosticArray()
+    message.status = [status(name, '', {}) for name in (
+        'robot1/slam_node', 'robot1/fusion_node: robot2', 'hokuyo: connection', 'Nav2 Health')]
+    WatchNode._on_diagnostics(watch, message)
+    assert list(watch._team.health) == ['robot1/slam_node', 'robot1/fusion_node: robot2']
+
+
+def test_watch_passes_over_places_that_are_none() -> None:
+    watch, pose = SimpleNamespace(_team=HeardTeam()), PoseWithCovarianceStamped()
+    pose.pose.pose.position.x = float('nan')
+    WatchNode._on_pose(watch, 'robot1', pose)
+    WatchNode._on_transform(watch, 'robot1', transform_message(
+        Pose(float('nan'), 0.0, 0.0), 'map', 'robot2/map', Time()))
+    assert watch._team.poses == {}
+    assert not watch._team.transforms.get('robot1')

@@ -23,6 +23,7 @@ from nav_msgs.msg import OccupancyGrid  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from ros_graph import Graph, ros_graph  # noqa: E402
+from sensor_msgs.msg import PointCloud2  # noqa: E402
 from somfusion_ros.ros.common import conversions as convert  # noqa: E402
 from somfusion_ros.ros.common import qos  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
@@ -102,16 +103,18 @@ def test_a_manager_takes_slam_node_through_its_life(graph: Graph) -> None:
 def test_a_manager_takes_fusion_node_through_its_life(graph: Graph) -> None:
     node, maps = '/robot1/fusion_node', graph.hear(OccupancyGrid, '/robot1/global_map',
                                                    qos.LATCHED)
+    clusters = graph.hear(PointCloud2, '/robot1/clusters', qos.LATCHED)
     own = graph.node.create_publisher(OccupancyGrid, '/robot1/map', qos.LATCHED)
     own.publish(convert.grid_message(fake_grid(fake_room()), 'map', Time(sec=1)))
     graph.start('fusion', 'fusion_node', '/robot1', '-p', 'autostart:=false', '-p',
                 'map_update_interval:=0.3')
     assert step(graph, node, CONFIGURE) == 'inactive'
     assert not graph.call(Trigger, f'{node}/merge').success
-    for _ in range(2):
+    for number in range(2):
         assert step(graph, node, ACTIVATE) == 'active'
         heard = len(maps)
         graph.until(lambda: len(maps) > heard, 'a global map')
+        graph.until(lambda: len(clusters) > number, 'the own map told to the others, anew')
         assert step(graph, node, DEACTIVATE) == 'inactive'
     graph.until(lambda: graph.node.count_publishers('/robot1/team/state') == 0,
                 'the others seeing that it went')

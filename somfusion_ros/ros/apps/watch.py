@@ -8,6 +8,7 @@ the team once.
 """
 
 import argparse
+from contextlib import suppress
 from functools import partial
 import sys
 import threading
@@ -25,6 +26,7 @@ from somfusion_ros.report.watch_view import Health, HeardTeam, view
 from somfusion_ros.ros.apps.watch_options import parse
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
+from somfusion_ros.ros.common.parameter_sets import SETS
 from somfusion_ros.ros.common.peers import find_peers, robot_of
 from somfusion_ros.ros.common.runtime import plain_args, run
 
@@ -99,14 +101,19 @@ class WatchNode(Node):
             self._team.grids[robot] = grid
 
     def _on_transform(self, robot: str, message: TransformStamped) -> None:
-        peer = robot_of(message.child_frame_id)
-        self._team.transforms.setdefault(robot, {})[peer] = convert.transform_from_message(message)
+        with suppress(ValueError):   # what is not finite is no place
+            self._team.transforms.setdefault(robot, {})[robot_of(message.child_frame_id)] = (
+                convert.transform_from_message(message))
 
     def _on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
-        self._team.poses[robot] = convert.pose_from_message(message.pose.pose)
+        with suppress(ValueError):
+            self._team.poses[robot] = convert.pose_from_message(message.pose.pose)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Keep what the team's nodes say; drivers and Nav2 are on the same topic."""
         for status in message.status:
+            if status.name.partition(':')[0].rpartition('/')[2] not in SETS:
+                continue
             self._team.health[status.name] = Health(
                 status.level[0], status.message, {v.key: v.value for v in status.values})
 

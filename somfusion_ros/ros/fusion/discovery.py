@@ -67,8 +67,8 @@ class Discovery:
                            peers)
         self._first_seen = {peer: self._first_seen.get(peer, now) for peer in plain}
         for peer, first in self._first_seen.items():
-            if (peer not in self._heard and now - first >= self._config.plain_map_delay
-                    and self._room_for(peer)):
+            new = peer not in self.teams and peer not in self._plain
+            if new and now - first >= self._config.plain_map_delay and self._room_for(peer):
                 self._listen_to_plain(peer)
         self._look_at_slams()
         self.alive = self._publishing(names.RELATIVE_TRANSFORMS)

@@ -160,7 +160,7 @@ class FusionNode(ManagedNode):
     def _take_messages(self) -> None:
         """Use all that arrived; offer the robot's own map to the peers where it changed."""
         self._view_inbox.drain()
-        own = self._inbox.drain()
+        own = self._inbox.drain() or (None if self._link.shares else self._inbox.own)
         self._session.look_around(self._inbox.heard)
         if own is not None:
             self._link.share(own, self._session.epoch_of(self._name) or Epoch())

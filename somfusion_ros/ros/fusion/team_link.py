@@ -60,6 +60,11 @@ class TeamLink:
         """The session in which this node speaks."""
         return self._outbox.session
 
+    @property
+    def shares(self) -> bool:
+        """Whether the robot's map was told in this session."""
+        return self._epoch is not None
+
     def listen(self, peer: str) -> None:
         """Subscribe to what a peer publishes always."""
         on = self._receiver

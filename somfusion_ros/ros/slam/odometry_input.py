@@ -7,11 +7,12 @@ import time
 from typing import Any
 
 from nav_msgs.msg import Odometry
+import numpy as np
 from sensor_msgs.msg import Imu, JointState
 from somfusion_ros.geometry import Array
 from somfusion_ros.io.bags.odometry import TransformOdometry
 from somfusion_ros.io.bags.transforms import best_odometry, pairs_of
-from somfusion_ros.io.frame_names import is_base
+from somfusion_ros.io.frame_names import is_base, plain
 from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
@@ -105,21 +106,24 @@ class OdometryInput:
             self._choose(message)
         if self._transforms is None:
             return
-        now = convert.seconds(self._now())
-        found = self._transforms(message, now)
-        if found is not None:
+        found = self._transforms(message, convert.seconds(self._now()))
+        if found is not None and not np.isfinite(found.pose).all():
+            self._count('odometry_not_finite', f'the transform says {found.pose}')
+        elif found is not None:
             self._hand_on(found.stamp, found.pose, None)
 
     def _choose(self, message: Any) -> None:
         """Choose the transform that is odometry: at once where it was asked for by its name."""
         if len(self._pairs) < MOST_PAIRS:
             self._pairs.update(pairs_of(message))
-        frames = best_odometry(self._pairs, self._node.get_namespace().strip('/'))
+        frames = self._named() or best_odometry(self._pairs,
+                                                self._node.get_namespace().strip('/'))
         if frames is None:
             return
         now = time.monotonic()
         self._since = now if self._since is None else self._since
-        sure = self._config.odometry_source == 'tf' and is_base(frames[1])
+        sure = self._config.odometry_source == 'tf' and (
+            is_base(frames[1]) or frames[1] == plain(self._config.base_frame))
         if not sure and now - self._since < PATIENCE:
             return
         self._transforms = TransformOdometry(frames)
@@ -130,6 +134,13 @@ class OdometryInput:
         if self._odom is not None:
             self._node.destroy_subscription(self._odom)
             self._odom = None
+
+    def _named(self) -> tuple[str, str] | None:
+        """Return the transform from odom_frame to the robot; None where none was heard yet."""
+        odom, base = plain(self._config.odom_frame), plain(self._config.base_frame)
+        named = [child for parent, child in self._pairs if parent == odom]
+        return next(((odom, child) for child in (base, *filter(is_base, sorted(named)))
+                     if child in named), None)
 
     def _now(self) -> Any:
         """Return the time of the node as a message."""

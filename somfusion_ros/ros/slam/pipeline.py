@@ -173,7 +173,7 @@ class Pipeline:
         self.session, self._beginning = self._make_session(beginning), beginning
         slam = self.session.slam
         self._publisher.epoch(slam.epoch)
-        self._last.step = self._last.stamp = None
+        self._last.step = self._last.stamp = self.map = None
         self._last.placed, self._found = not slam.lost, 0
         if np.isfinite(slam.last_stamp):
             self._last.stamp = time_message(slam.last_stamp)
@@ -241,7 +241,7 @@ class Pipeline:
         """Publish a map that holds all up to a stamp."""
         if slam.counters['map_scans_too_far']:
             self._count('maps_too_large', 'scans are not drawn, as the map would be too large')
-        if not self._mapper.stopping:
+        if slam is self.session.slam and not self._mapper.stopping:   # else it is drawn in vain
             self.map = self._publisher.map_message(grid, slam, stamp or Time())
             self._publisher.grid(self.map, grid, slam)   # whoever hears of it may ask for it
             self._telling = True
