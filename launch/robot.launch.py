@@ -11,6 +11,7 @@ robot may publish `map`. What a parameter file says stands unless an argument is
 
 from pathlib import Path
 import re
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
@@ -19,7 +20,8 @@ from launch.actions import (DeclareLaunchArgument, GroupAction, IncludeLaunchDes
                             OpaqueFunction)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node, PushRosNamespace, SetParameter, SetRemap
+from launch_ros.actions import Node, PushRosNamespace, SetRemap
+import yaml
 
 CONFIG = Path(get_package_share_directory('somfusion_ros')) / 'config'
 ARGUMENTS = {
@@ -33,7 +35,8 @@ ARGUMENTS = {
     'params_file': ('', 'Parameter file for all nodes, beside and after those below.'),
     'slam_params': (str(CONFIG / 'slam.yaml'), 'Parameter file of slam_node.'),
     'fusion_params': (str(CONFIG / 'fusion.yaml'), 'Parameter file of fusion_node.'),
-    'slam_toolbox_params': ('', 'Parameter file of slam_toolbox; empty: its own default.'),
+    'slam_toolbox_params': (str(CONFIG / 'slam_toolbox_robot.yaml'),
+                            'Parameter file of slam_toolbox.'),
     'scan_topic': ('scan', "Topic of the robot's laser scans."),
     'odom_topic': ('odom', "Topic of the robot's wheel odometry."),
     'autostart': ('', 'Configure and activate the nodes; false where a lifecycle_manager does '
@@ -84,22 +87,45 @@ def own_node(name: str, given: dict[str, str], file: str, values: dict[str, Any]
                 respawn_delay=RESPAWN_DELAY)
 
 
+def set_in_blocks(content: dict[str, Any], values: dict[str, str]) -> None:
+    """Set parameters in every block of a parameter file, under however many namespaces."""
+    for name, inner in content.items():
+        if name == 'ros__parameters':
+            inner.update(values)
+        elif isinstance(inner, dict):
+            set_in_blocks(inner, values)
+
+
+def slam_toolbox_file(given: dict[str, str]) -> str:
+    """
+    Name slam_toolbox's parameter file: one with prefixed frames where all robots share one /tf.
+
+    Its launch file takes one file, and what a file says goes before what launch sets beside it.
+    """
+    prefixed = frames(given, ('map_frame', 'odom_frame', 'base_frame'))
+    file = given['slam_toolbox_params'] or ARGUMENTS['slam_toolbox_params'][0]
+    if not prefixed:
+        return str(file)
+    content = yaml.safe_load(Path(str(file)).read_text(encoding='utf-8'))
+    content.setdefault('/**', {'ros__parameters': {}})
+    set_in_blocks(content, prefixed)
+    with NamedTemporaryFile('w', prefix='slam_toolbox_', suffix='.yaml', delete=False) as made:
+        yaml.safe_dump(content, made)
+    return made.name
+
+
 def slam_toolbox(given: dict[str, str]) -> GroupAction:
     """Include slam_toolbox; its topics are absolute, so each is put into the namespace."""
     share = Path(get_package_share_directory('slam_toolbox'))
-    params = given['slam_toolbox_params'] or str(
-        share / 'config' / 'mapper_params_online_async.yaml')
     remaps = [*([] if is_true(given['shared_tf']) else TRANSFORMS), ('/map', 'map'),
               ('/map_metadata', 'map_metadata'), ('/scan', given['scan_topic'])]
-    prefixed = frames(given, ('map_frame', 'odom_frame', 'base_frame'))
     return GroupAction([
         PushRosNamespace(given['namespace']),
         *(SetRemap(src=absolute, dst=relative) for absolute, relative in remaps),
-        *(SetParameter(name, value) for name, value in prefixed.items()),
         IncludeLaunchDescription(
             PythonLaunchDescriptionSource(str(share / 'launch' / 'online_async_launch.py')),
             launch_arguments={'use_sim_time': given['use_sim_time'] or 'false',
-                              'slam_params_file': params}.items())])
+                              'slam_params_file': slam_toolbox_file(given)}.items())])
 
 
 def start_robot(context: LaunchContext) -> list[LaunchDescriptionEntity]:

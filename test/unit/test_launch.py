@@ -51,6 +51,7 @@ class Started:
         for flag, path in zip(command, command[1:]):
             if flag == '--params-file':
                 for block in yaml.safe_load(Path(path).read_text()).values():
+                    block = block.get('slam_toolbox', block)     # below a namespace
                     merged |= block['ros__parameters']
         return merged
 
@@ -62,9 +63,6 @@ def started(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Started:
     toolbox = tmp_path / 'slam_toolbox'
     (toolbox / 'launch').mkdir(parents=True)
     (toolbox / 'launch' / 'online_async_launch.py').write_text(FAKE_SLAM_TOOLBOX)
-    (toolbox / 'config').mkdir()
-    (toolbox / 'config' / 'mapper_params_online_async.yaml').write_text(
-        '/**:\n  ros__parameters:\n    scan_topic: /scan\n')
     share = {'somfusion_ros': str(ROOT), 'slam_toolbox': str(toolbox)}
     monkeypatch.setattr(index, 'get_package_share_directory', share.__getitem__)
     monkeypatch.setattr('launch_ros.substitutions.find_package.get_package_share_directory',
@@ -152,6 +150,21 @@ def test_robots_that_share_one_tf_get_prefixed_frames(started: Started) -> None:
     assert (slam['map_frame'], slam['odom_frame'], slam['base_frame']) == (
         'robot1/map', 'robot1/odom', 'robot1/base_link')
     assert (fusion['map_frame'], fusion['world_frame']) == ('robot1/map', 'world')
+
+
+@pytest.mark.parametrize('text', ['', '/**:\n  ros__parameters: {map_frame: map, mode: mapping}',
+                                  'robot1:\n  slam_toolbox:\n    ros__parameters: {}'])
+def test_slam_toolbox_gets_prefixed_frames_whatever_its_file_says(text: str, started: Started,
+                                                                  tmp_path: Path) -> None:
+    """What a file says goes before what launch sets beside it; its own default is for no robot."""
+    own = tmp_path / 'own.yaml'
+    own.write_text(text)
+    assert launch('robot.launch.py', namespace='robot1', slam='slam_toolbox', shared_tf='true',
+                  slam_toolbox_params=str(own) if text else '') == 0
+    found = started.parameters(0)
+    assert (found['map_frame'], found['odom_frame'], found['base_frame']) == (
+        'robot1/map', 'robot1/odom', 'robot1/base_link')
+    assert found.get('mode', 'mapping') == 'mapping'
 
 
 def test_a_team_of_any_size(started: Started) -> None:
