@@ -10,7 +10,7 @@ import sys
 from types import SimpleNamespace
 from typing import Any
 
-from helpers import fake_grid, fake_room, need_data, need_ros, write_fake_bag
+from helpers import fake_grid, fake_room, fake_scan, need_data, need_ros, write_fake_bag
 import numpy as np
 import pytest
 from somfusion_ros.fusion.config import FusionConfig
@@ -27,16 +27,18 @@ from rclpy.clock import Clock  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import Imu, LaserScan, PointCloud2  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
+from somfusion_ros.io.bags.writer import BagWriter  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
 from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
 from somfusion_ros.offline.beginning import Beginning  # noqa: E402
 from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
 from somfusion_ros.report.watch_view import HeardTeam  # noqa: E402
 from somfusion_ros.ros.apps import player  # noqa: E402
-from somfusion_ros.ros.apps.recording import Recording  # noqa: E402
+from somfusion_ros.ros.apps.recording import ODOMETRY_IN_TF, Recording  # noqa: E402
 from somfusion_ros.ros.apps.watch import WatchNode  # noqa: E402
 from somfusion_ros.ros.common.conversions import transform_message  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
+from somfusion_ros.ros.common.optional_types import message_type  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.frames import Frames  # noqa: E402
 from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
@@ -56,6 +58,8 @@ from somfusion_ros.team.session import FusionSession  # noqa: E402
 from somfusion_ros.team.shared_map import SharedMap  # noqa: E402
 from somfusion_ros.team.state_codec import TeamState  # noqa: E402
 from std_msgs.msg import UInt8MultiArray  # noqa: E402
+
+TFMessage: Any = message_type('tf2_msgs.msg', 'TFMessage')
 
 
 class Log:
@@ -313,6 +317,28 @@ def test_the_player_plays_what_can_be_read_of_a_bag_that_is_spoilt(tmp_path: Pat
     assert played == whole[:len(played)]
     assert 10 < len(played) < len(whole)
     assert 'cut off' in cut.notes[0]
+
+
+@pytest.mark.skipif(TFMessage is None, reason='tf2_msgs is not here')
+def test_the_player_plays_the_odometry_that_is_in_tf_alone(tmp_path: Path) -> None:
+    """And of /tf nothing else: map -> odom is slam_node's own."""
+    for name, parents in (('tf', ('map', 'odom')), ('none', ('map',))):
+        with BagWriter(tmp_path / name) as bag:
+            for number in range(3):
+                stamp = 1.0 + 0.1 * number
+                for parent in parents:
+                    bag.transform('/tf', stamp, parent, 'odom' if parent == 'map' else 'base_link',
+                                  (0.1 * number, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+                bag.scan(fake_scan(fake_room(), (2.0, 2.0, 0.0), stamp))
+    recording = Recording(tmp_path / 'tf')
+    recording.shift = 5 * 10 ** 9
+    played = [deserialize_message(record.data, TFMessage) for record in recording.records()
+              if record.msgtype == ODOMETRY_IN_TF]
+    assert [(item.child_frame_id, item.header.stamp.sec, round(item.transform.translation.x, 3))
+            for message in played for item in message.transforms] == [
+        ('base_link', 6, 0.0), ('base_link', 6, 0.1), ('base_link', 6, 0.2)]
+    assert not recording.notes
+    assert 'no odometry to play' in Recording(tmp_path / 'none').notes[0]
 
 
 def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:

@@ -130,7 +130,8 @@ def test_messages_of_rosbag1_come_as_those_of_ros_2(tmp_path: Path) -> None:
         played = list(bag.serialized({'/base_scan'}))
         assert bag.span == (10 * 10 ** 9, 14 * 10 ** 9 + 1)
     assert [time for _, time, _ in played] == [n * 10 ** 9 for n in range(10, 15)]
-    scan = store.deserialize_cdr(played[3][2], played[3][0])
+    assert {topic for topic, _, _ in played} == {'/base_scan'}
+    scan = store.deserialize_cdr(played[3][2], 'sensor_msgs/msg/LaserScan')
     assert (scan.header.stamp.sec, scan.header.frame_id) == (13, '/laser')
     assert np.array_equal(scan.ranges, RANGES.astype(np.float32))
 

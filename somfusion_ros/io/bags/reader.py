@@ -98,7 +98,7 @@ class BagReader:
             yield connection.topic, nanoseconds * 1e-9, message
 
     def serialized(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yield type, time of recording [ns] and CDR bytes of these topics, up to any damage."""
+        """Yield topic, time of recording [ns] and CDR bytes of these topics, up to any damage."""
         store = None if getattr(self._reader, 'is2', True) else get_typestore(Stores.ROS2_JAZZY)
 
         def cdr(raw: bytes, msgtype: str) -> bytes:
@@ -106,7 +106,7 @@ class BagReader:
                 return bytes(raw)
             return bytes(store.serialize_cdr(self._reader.deserialize(raw, msgtype), msgtype))
         for connection, nanoseconds, data in self._read(topics, cdr):
-            yield connection.msgtype, nanoseconds, data
+            yield connection.topic, nanoseconds, data
 
     def _read(self, topics: Collection[str], make: Callable[[bytes, str], Any]
               ) -> Iterator[tuple[Any, int, Any]]:

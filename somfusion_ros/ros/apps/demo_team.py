@@ -123,12 +123,12 @@ def _start(processes: Processes, logs: Mapping[str, Log], folder: Path, rate: fl
 
 def _slam_parameters(log: Log) -> list[str]:
     """Return parameters of slam_node found in the bag: frames, laser mount, odometry."""
-    if log.odometry.kind in ('tf', 'none'):
-        raise BagError(f'{log.path}: its odometry is only in /tf, if anywhere; the player needs '
-                       'nav_msgs/Odometry or joint states')
+    if log.odometry.kind == 'tf' and not find_spec('tf2_msgs'):
+        raise BagError(f'{log.path}: its odometry is only in /tf, which needs tf2_msgs here')
     x, y, theta = (float(value) for value in log.T_base_laser)
     values = {'base_frame': log.odometry.base_frame,
               'odometry_source': log.odometry.kind,
+              **({'odom_frame': log.odometry.frames[0]} if log.odometry.frames else {}),
               'map_update_interval': MAP_UPDATE_INTERVAL,
               'transform_timeout': TRANSFORM_TIMEOUT}
     if not (log.upside_down and find_spec('tf2_msgs')):   # which laser_pose cannot say, but TF

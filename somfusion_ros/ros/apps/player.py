@@ -24,8 +24,8 @@ from sensor_msgs.msg import Imu, JointState, LaserScan, MultiEchoLaserScan, Poin
 from somfusion_ros.io.bags.topics import IMU, JOINTS, ODOMETRY
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.ros.apps.player_options import parse
-from somfusion_ros.ros.apps.recording import (align, Record, Recording, SCANS, together,
-                                              TRANSFORMS)
+from somfusion_ros.ros.apps.recording import (align, ODOMETRY_IN_TF, Record, Recording, SCANS,
+                                              together, TRANSFORMS)
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.optional_types import message_type
@@ -55,6 +55,9 @@ class RobotTopics:
                                                               qos.LATCHED_PER_PAIR)
         if tf is not None and ODOMETRY in recording.msgtypes:
             self._driver = node.create_publisher(tf, f'{prefix}tf', qos.TRANSFORMS)
+        if tf is not None and ODOMETRY_IN_TF in recording.msgtypes:
+            self._by_type[ODOMETRY_IN_TF] = node.create_publisher(tf, f'{prefix}tf',
+                                                                  qos.TRANSFORMS)
 
     def publish(self, record: Record) -> None:
         """Publish a record as it is; what odometry says, also as the robot's driver says it."""

@@ -3,7 +3,8 @@
 """
 What the player plays of a bag: scans, odometry, joint states, a gyroscope and fixed transforms.
 
-All is played as the bytes that were recorded. Where there are no laser scans, the first kind that
+Where the odometry is in /tf only, that transform of it is played. All else is played as the bytes
+that were recorded. Where there are no laser scans, the first kind that
 is there of those that can stand for them is played as `scan`: echoes, else clouds.
 
 Several bags are played by one clock. Those that were recorded together keep their times; others
@@ -15,13 +16,18 @@ import heapq
 from itertools import repeat
 from pathlib import Path
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from rosbags.typesys import get_typestore, Stores
 from somfusion_ros.io.bags.reader import BagReader
 from somfusion_ros.io.bags.topics import CLOUD, IMU, JOINTS, ODOMETRY, SCANS as LASERS
+from somfusion_ros.io.bags.transforms import odometry_frames
+from somfusion_ros.io.frame_names import plain
 
 SCANS = (*LASERS, CLOUD)
 TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+ODOMETRY_IN_TF = 'odometry in TFMessage'   # stands for a type
+STORE = get_typestore(Stores.ROS2_JAZZY)
 USUAL_NAMES = {**dict.fromkeys(LASERS, 'scan'), CLOUD: 'points', ODOMETRY: 'odom',
                JOINTS: 'joint_states'}
 STAMP = struct.Struct('<iI')   # seconds and nanoseconds of a header, behind CDR's own four bytes
@@ -30,7 +36,7 @@ CLOCKS_AGREE = 10 ** 9         # [ns] by which stamps may differ from the times 
 
 
 class Record(NamedTuple):
-    """One message: time of recording [ns], its type, its CDR bytes."""
+    """One message: time of recording [ns], its type or ODOMETRY_IN_TF, its CDR bytes."""
 
     time: int
     msgtype: str
@@ -57,9 +63,12 @@ class Recording:
         self.scans: str = scans
         self._topics = {topic: kind for kind in (scans, ODOMETRY, JOINTS, IMU, TRANSFORMS)
                         for topic in self._choose(kind)}
+        self.notes = self._bag.notes
+        self._frames = ('', '')     # of the odometry, where that is in /tf
+        if not {ODOMETRY, JOINTS} & set(self._topics.values()):
+            self._look_in_transforms()
         self.msgtypes = set(self._topics.values())
         self.start, self.end = self._bag.span
-        self.notes = self._bag.notes
 
     def close(self) -> None:
         """Close the bag."""
@@ -68,10 +77,14 @@ class Recording:
     def records(self) -> Iterator[Record]:
         """Yield the played messages in the order of recording, at shifted times."""
         lag = self._clock_difference()
-        for msgtype, time, data in self._bag.serialized(self._topics):
-            if msgtype != TRANSFORMS and self.shift - lag:
+        for topic, time, data in self._bag.serialized(self._topics):
+            msgtype = self._topics[topic]
+            if msgtype == ODOMETRY_IN_TF:
+                data = self._odometry_of(data, self.shift - lag)
+            elif msgtype != TRANSFORMS and self.shift - lag:
                 data = restamped(data, self.shift - lag)
-            yield Record(time + self.shift, msgtype, data)
+            if data:
+                yield Record(time + self.shift, msgtype, data)
 
     def _choose(self, msgtype: str) -> list[str]:
         """Choose the topic of a type; of the transforms only those that never change."""
@@ -86,6 +99,27 @@ class Recording:
             raise ValueError(f'{self._path}: which of {", ".join(topics)} is to be played as '
                              f'{USUAL_NAMES[msgtype]}? Leave one of them in the bag')
         return chosen
+
+    def _look_in_transforms(self) -> None:
+        """Choose the transform that is odometry; note where there is none."""
+        found = odometry_frames(self._bag)
+        if found is not None and self._types[found[0]] == TRANSFORMS:
+            self._topics[found[0]], self._frames = ODOMETRY_IN_TF, found[1]
+        else:
+            self.notes.append(f'{self._path}: holds no odometry to play: slam_node needs '
+                              'odometry_source: none')
+
+    def _odometry_of(self, data: bytes, shift: int) -> bytes:
+        """Return a message with the transform alone that is odometry, shifted; b'' without it."""
+        message: Any = STORE.deserialize_cdr(data, TRANSFORMS)
+        kept = [item for item in message.transforms if self._frames == (
+            plain(item.header.frame_id), plain(item.child_frame_id))]
+        for item in kept:
+            stamp = item.header.stamp
+            stamp.sec, stamp.nanosec = divmod(
+                stamp.sec * 10 ** 9 + stamp.nanosec + shift, 10 ** 9)
+        message.transforms = kept
+        return bytes(STORE.serialize_cdr(message, TRANSFORMS)) if kept else b''
 
     def _clock_difference(self) -> int:
         """Return the stamps minus times of recording [ns]; 0 where both are of one clock."""
