@@ -44,7 +44,7 @@ class LoopMatchingTuning:
     near: tuple[float, float] = tuned(
         (0.06, 0.02), 'm, rad', 'sigma up to which a match needs no search', 'shared logs')
     window: tuple[float, float] = tuned(
-        (4.0, 0.6), 'm, rad', 'the widest search', 'shared logs')
+        (10.0, 0.6), 'm, rad', 'the widest search', 'public logs')
     unexpected: float = tuned(
         0.1, 'share of the score', 'lost by a pose far from the expected one',
         'benchmarks/slam/look_alikes.py')

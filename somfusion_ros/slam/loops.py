@@ -28,7 +28,7 @@ class LoopTuning:
     span: int = tuned(
         20, 'views', 'back to which every view is tied, loop or not', 'shared logs')
     farthest: float = tuned(
-        4.0, 'm', 'beyond the search distance, however uncertain the filter is', 'not measured')
+        10.0, 'm', 'beyond the search distance, however uncertain the filter is', 'public logs')
     sure: tuple[float, float] = tuned(
         (0.25, 0.06), 'm, rad',
         'sigma up to which a match that passes the gate is believed at once',

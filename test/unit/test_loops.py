@@ -57,6 +57,17 @@ def test_an_unsure_view_may_lie_at_other_places_too():
             assert np.hypot(*place.expected[:2]) < 1.2 + 4.1 * np.hypot(*place.sigma[:2])
 
 
+def test_an_old_view_is_tried_as_far_away_as_the_filter_is_unsure():
+    """It is 6.6 m from where it began: far for a filter that knows it to 1 m, near at 4 m."""
+    for sigma, tried in ((0.1, False), (0.5, True)):
+        ekf = DelayedStateEkf()
+        ekf.augment(np.zeros(3), R)
+        for _ in range(39):
+            ekf.augment(np.array([0.12, 0.12, 0.0]), np.diag([sigma, sigma, 0.01]) ** 2)
+        found = candidates(39, ekf, np.zeros((40, 2)), replace(CONFIG, loop_minimum_gap=38))
+        assert any(c.old <= 1 and not c.tie for c in found) == tried
+
+
 def test_a_new_map_has_no_candidates():
     assert candidates(3, straight(4, 0.01), np.zeros((4, 2)), CONFIG) == []
 
@@ -66,11 +77,13 @@ def clouds_of(places: np.ndarray, room: np.ndarray = ROOM) -> list:
     return [cloud(fake_scan(room, p, noise=0.01, rng=rng), 30.0) for p in places]
 
 
-def test_a_place_is_recognised_from_afar():
+@pytest.mark.parametrize('off, sigma', [((0.8, -0.6, 0.2), (0.4, 0.4, 0.1)),
+                                        ((6.0, -4.0, 0.3), (3.0, 2.0, 0.15))])
+def test_a_place_is_recognised_from_afar(off, sigma):
     target = LocalMap.of_views(clouds_of(PLACES), list(between(PLACES[0], PLACES)))
     truth = np.array([2.0, 1.8, 0.2])
     expected = between(PLACES[0], truth)
-    guess = Candidate(0, expected + (0.8, -0.6, 0.2), np.array([0.4, 0.4, 0.1]))
+    guess = Candidate(0, expected + off, np.array(sigma))
     loop = loop_matching.match(guess, 9, clouds_of(truth[None])[0], lambda old: target, CONFIG)
     distance, angle = pose_error(loop.constraint.z, expected)
     assert distance < 0.03 and angle < np.radians(1)
