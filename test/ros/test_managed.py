@@ -13,6 +13,7 @@ need_ros()
 
 import rclpy  # noqa: E402, I100
 from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from somfusion_ros.ros.common import qos  # noqa: E402
 from somfusion_ros.ros.common.entities import Entities  # noqa: E402
 from somfusion_ros.ros.common.managed import ManagedNode  # noqa: E402
@@ -102,3 +103,12 @@ def test_calls_that_wait_are_answered_when_the_node_is_deactivated(node: Managed
         task.send(None)
     assert not ended.value.value.success
     assert 'deactivated' in ended.value.value.message
+
+
+def test_a_clock_that_does_not_come_is_named(node: ManagedNode) -> None:
+    """Forgotten in a simulation as often as it is set on a robot."""
+    node.look_at_clock()
+    assert not node._count.counts()
+    node.set_parameters([Parameter('use_sim_time', value=True)])
+    node.look_at_clock()
+    assert node._count.counts() == {'seconds_without_clock': 1}

@@ -25,7 +25,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped  # noqa: E402
 from nav_msgs.msg import OccupancyGrid  # noqa: E402
 from rclpy.clock import Clock  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from sensor_msgs.msg import Imu, LaserScan, PointCloud2  # noqa: E402
+from sensor_msgs.msg import Imu, JointState, LaserScan, PointCloud2  # noqa: E402
 from somfusion_ros.fusion.learning import learn  # noqa: E402
 from somfusion_ros.io.bags.writer import BagWriter  # noqa: E402
 from somfusion_ros.io.cluster_rows import cluster_rows  # noqa: E402
@@ -98,6 +98,22 @@ def test_an_imu_is_heard_beside_any_odometry() -> None:
         message.header.stamp.sec, message.angular_velocity.z = 7, 0.5
         heard['imu'](message)
         assert rates == [(7.0, 0.5)]
+
+
+def test_wheels_of_another_name_are_told_until_the_right_ones_come() -> None:
+    heard: dict[str, Any] = {}
+    counted: list[str] = []
+    node = SimpleNamespace(
+        get_clock=Clock, create_subscription=lambda kind, topic, take, *_, **__: (
+            heard.update({topic: take}) or SimpleNamespace(topic_name=topic)))
+    OdometryInput(node, SlamNodeConfig(odometry_source='encoders'), lambda *_: None, print,
+                  lambda kind, reason, patience=0.0: counted.append(f'{kind}: {reason}'))
+    for names in (['wheel_l', 'wheel_r'], ['left_wheel_joint', 'right_wheel_joint'], ['arm']):
+        message = JointState(name=names, position=[0.0] * len(names))
+        message.header.stamp.sec = 1
+        heard['joint_states'](message)
+    assert counted == ['joint_states_without_wheels: left_wheel_joint is not among '
+                       'wheel_l, wheel_r']
 
 
 def test_faults_are_counted_and_each_kind_is_said_rarely() -> None:

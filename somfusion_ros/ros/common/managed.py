@@ -17,9 +17,12 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
 from somfusion_ros.io.errors import sentence
+from somfusion_ros.ros.common.diagnostics import Faults
 from somfusion_ros.ros.common.entities import Entities
 from somfusion_ros.ros.common.parameters import warn_of_unknown
 
+LOOK_PERIOD = 1.0             # [s] between two looks at the clock
+PATIENCE = 2.0                # [s] without a clock before that is said
 DEACTIVATION_TIMEOUT = 30.0   # [s] that the threads are given to finish their piece of work
 Answer = tuple[bool, str]     # whether a job went well, and its result or the reason
 
@@ -30,6 +33,7 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.active = False
+        self._count = Faults(self.get_logger())
         self.configured_part, self.active_part = Entities(self), Entities(self)
         # A group of its own: while a service waits for a thread, the other callbacks go on.
         self._waiting = MutuallyExclusiveCallbackGroup()
@@ -56,6 +60,13 @@ class ManagedNode(LifecycleNode):
 
     def count_error(self, error: Exception) -> None:
         """Count an error that nobody foresaw."""
+        self._count('worker_errors', repr(error))
+
+    def look_at_clock(self) -> None:
+        """Count where the node is to take the time from /clock, and none has come."""
+        if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
+            self._count('seconds_without_clock', 'use_sim_time is true, but nothing has come on '
+                        '/clock', PATIENCE)
 
     def begin(self, arguments: list[str]) -> None:
         """
@@ -134,6 +145,7 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go from inactive to active."""
         self.active = True
+        self.every(LOOK_PERIOD, self.look_at_clock)
         return self._step(self.activate, self._undo_activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -16,7 +16,6 @@ from nav_msgs.msg import Path
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.node_config import FusionNodeConfig
 from somfusion_ros.ros.common import names, parameters, qos
-from somfusion_ros.ros.common.diagnostics import Faults
 from somfusion_ros.ros.common.managed import ManagedNode
 from somfusion_ros.ros.common.optional_types import message_type
 from somfusion_ros.ros.common.runtime import run
@@ -59,7 +58,6 @@ class FusionNode(ManagedNode):
         self._team = parameters.declare(self, TeamConfig)
         self._fusion = parameters.declare(self, FusionConfig, changeable=True)
         self.add_on_set_parameters_callback(self._on_parameters)
-        self._count = Faults(self.get_logger())
         self._session: FusionSession
 
     def configure(self) -> None:
@@ -126,10 +124,6 @@ class FusionNode(ManagedNode):
     def submit(self, job: Callable[[], Any]) -> None:
         """Run a job of a service in the thread that works."""
         self._worker.submit(job)
-
-    def count_error(self, error: Exception) -> None:
-        """Count an error that nobody foresaw."""
-        self._count('worker_errors', repr(error))
 
     def _discover(self) -> None:
         """Listen to every robot that is new, and to the maps that are of use."""

@@ -22,7 +22,6 @@ from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.offline.beginning import Beginning, from_map
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, parameters, qos
-from somfusion_ros.ros.common.diagnostics import Faults
 from somfusion_ros.ros.common.managed import ManagedNode
 from somfusion_ros.ros.common.optional_types import message_type
 from somfusion_ros.ros.common.runtime import run
@@ -52,7 +51,6 @@ class SlamNode(ManagedNode):
         self._config = parameters.declare(self, SlamNodeConfig)
         self._slam_config = parameters.declare(self, SlamConfig, changeable=True)
         self.add_on_set_parameters_callback(self._on_parameters)
-        self._count = Faults(self.get_logger())
         self._last = Last()
         self._pipeline: Pipeline
 
@@ -111,10 +109,6 @@ class SlamNode(ManagedNode):
     def submit(self, job: Callable[[], Any]) -> None:
         """Run a job of a service in the thread that draws maps."""
         self._pipeline.submit(job)
-
-    def count_error(self, error: Exception) -> None:
-        """Count an error that nobody foresaw."""
-        self._count('worker_errors', repr(error))
 
     def _beginning(self) -> Beginning:
         """Return the map to start in, if there is one already; ValueError where it is no map."""

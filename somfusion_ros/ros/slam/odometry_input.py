@@ -83,6 +83,9 @@ class OdometryInput:
         """Integrate the two wheels; other joints may come in messages of their own."""
         convert.stamp_if_missing(message.header, self._now(), self._count)
         if self._joints[0] not in message.name and message.name:
+            if self._heard == float('-inf'):   # not even once
+                self._count('joint_states_without_wheels', f'{self._joints[0]} is not among '
+                            f'{", ".join(message.name)}', PATIENCE)
             return
         try:
             stamp, wheels = convert.wheels_from_message(message, *self._joints)
