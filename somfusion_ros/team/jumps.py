@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Accepted transforms that gave way to one elsewhere, counted."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,10 @@ class Jumps:
     def peers(self) -> list[str]:
         """Return the peers whose transform was accepted."""
         return list(self._accepted)
+
+    def keep(self, robots: Collection[str]) -> None:
+        """Forget where the maps of all others lay: nobody knows these robots any more."""
+        self._accepted = {peer: pose for peer, pose in self._accepted.items() if peer in robots}
 
     def forget(self, peer: str) -> None:
         """Forget where a peer's map lay: it is another one."""

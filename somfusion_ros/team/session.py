@@ -104,8 +104,7 @@ class FusionSession:
         """Note which map a robot has now, and had at its given pose; return whether it is new."""
         before, old = self._team.begun[robot], self._team.epochs.get(robot)
         self._team.known.bind(robot, given or epoch)
-        began = self._team.begin(robot, epoch, keep_map)
-        if not began:
+        if not self._team.begin(robot, epoch, keep_map):
             return False
         back = bool(old and old.same_map(epoch))
         pause = pause_after(before, back)
@@ -173,13 +172,14 @@ class FusionSession:
         self._words[peer] = self._team.record(peer, verdict, target, source, now, bool(why))
         self._jumps.look(peer, self._team.own_transforms().get(peer))
         self._say(f'{self._name} and {peer}: '
-                  f'{sentence(self._words[peer], verdict.reason, self._name, peer)}')
+                  f'{sentence(self._words[peer], verdict.reason, *sorted((self._name, peer)))}')
         return peer
 
     def refresh(self, present: Collection[str] | None = None) -> Snapshot:
         """Place all maps anew by what is known now, and by who is there, if that is given."""
         for owner, lie in self._departed.update(present) if present is not None else ():
             self._count(f'state_of_{owner}_contradicts_absent', lie)
+        self._jumps.keep(self._team.epochs)
         for robot in self._team.known.lapsed(self._team.epochs):
             self._count(f'initial_pose_of_{robot}_lapsed', LAPSED.format(robot=robot))
         solution, pairs = self._team.solution(), self._team.pairs

@@ -21,6 +21,7 @@ from somfusion_ros.team.fact_reader import FactReader
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_set import ViewSet
 
+MOST_AUTHORS = 192     # as many as can be heard, gone but known, and not known yet, 64 each
 Epochs = Mapping[str, Epoch]
 Pairs = Collection[tuple[str, str]]
 
@@ -35,6 +36,7 @@ class ToldBonds:
         self._own: dict[str, ToldBond] = {}      # with robots whose names sort later
         self._asked: dict[str, ToldBond] = {}    # with those whose names sort before, who tell
         self._apart: dict[str, tuple[Any, float]] = {}      # what was asked last, and the answer
+        self._known: frozenset[str] = frozenset()           # robots of which anything is known
         self.refuted: dict[str, frozenset[str]] = {}        # whose bonds each robot calls false
 
     def take(self, author: str, data: bytes) -> None:
@@ -42,10 +44,18 @@ class ToldBonds:
         if data != self._bytes.get(author):     # it is repeated now and then
             self._bonds[author] = self._reader.bonds(data, author)
             self._bytes[author] = data
+            strangers = [name for name in self._bonds if name not in {*self._known, self._name}]
+            for name in strangers[:max(len(self._bonds) - MOST_AUTHORS, 0)]:
+                self._forget(name)
 
     def bytes_of(self, author: str) -> bytes:
         """Return what a robot tells, packed; empty where that is nothing."""
         return self._bytes.get(author, b'')
+
+    def _forget(self, author: str) -> None:
+        """Forget the bonds of and with a robot."""
+        for record in (self._bonds, self._bytes, self._own, self._asked, self._apart):
+            record.pop(author, None)
 
     def keep(self, peer: str, bond: Bond, accepted: bool, epochs: Epochs) -> None:
         """Keep what the own views say of a pair, if it holds, and tell it if it is told here."""
@@ -61,13 +71,16 @@ class ToldBonds:
         """
         Return of which peers the bond with this robot is false, and by how much [m]; note it.
 
-        What robots say of theirs that are not known any more is forgotten.
+        What robots tell that are not known any more is forgotten: names come and go. Those of
+        which nothing is known yet may tell bonds before their state comes.
 
         views: of the connected team; T_own_peer: of the peers that this robot accepts. False is
         one that has the own views, in the median, farther than `mismatched` [m] from where they
         match, or farther than `misplaced` [m] from where the maps do if they match nowhere.
         """
-        found = {}
+        for gone in self._known - epochs.keys():
+            self._forget(gone)
+        self._known, found = frozenset(epochs), {}
         for peer in self._bonds.keys() & T_own_peer.keys() & views.keys():
             told = next((one for one in self._bonds[peer] if one.source == self._name), None)
             now = (epochs[peer], epochs[self._name])

@@ -3,7 +3,7 @@
 """What robots tell of their paths and of bonds, until the worker has time for it."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from somfusion_ros.team.bond_message import BondHearer, BondMessage
 from somfusion_ros.team.channels import BONDS, VIEWS
@@ -16,11 +16,17 @@ MOST_BATCHES = 4096      # of one robot's path that wait
 
 
 class ViewInbox:
-    """Keeps every batch of views, and the newest bonds of every robot."""
+    """
+    Keeps every batch of views, and the newest bonds of every robot.
+
+    absent: who is gone, so that others may speak for it; by default everybody.
+    """
 
     def __init__(self, elastic: ElasticSession, heard: Mapping[str, Heard],
-                 count: Callable[..., None], clock: Callable[[], float]) -> None:
+                 count: Callable[..., None], clock: Callable[[], float],
+                 absent: Callable[[], Collection[str]] | None = None) -> None:
         self._elastic, self._heard, self._count, self._clock = elastic, heard, count, clock
+        self._absent = absent
         self._batches: dict[str, deque[bytes]] = {}
         self._handed_on: dict[str, bytes] = {}     # bonds of robots that are gone
         self._hearer = BondHearer()
@@ -48,8 +54,12 @@ class ViewInbox:
         """
         Keep what another robot handed on of one that is gone.
 
-        It may be late: bonds that the robot told itself, also that it has none, stay.
+        It may be late. Of a robot that is back nothing is taken: what it told before it was
+        started anew would put out what it tells now, and it does not tell its views twice. Bonds
+        that the robot told itself, also that it has none, stay.
         """
+        if self._absent is not None and robot not in self._absent():
+            return
         try:
             batches, bonds = decode_kept(data)
         except ValueError as error:

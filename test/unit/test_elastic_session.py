@@ -13,10 +13,13 @@ from somfusion_ros.geometry import between, compose, inverse, Pose
 from somfusion_ros.slam.checkpoint import NOTHING
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.bond_codec import decode_bonds
+from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds
 from somfusion_ros.team.elastic_session import ElasticSession
+from somfusion_ros.team.fact_reader import FactReader
 from somfusion_ros.team.joint_map import draw_joint
+from somfusion_ros.team.kept_views import encode_kept
 from somfusion_ros.team.teller import tell, Teller
+from somfusion_ros.team.told_bonds import MOST_AUTHORS, ToldBonds
 from somfusion_ros.team.view_facts import Facts
 from somfusion_ros.team.view_inbox import ViewInbox
 from somfusion_ros.team.view_set import ViewSet
@@ -189,6 +192,35 @@ def test_views_that_were_taken_back_show_nothing() -> None:
     late = ViewStore()      # a late joiner gets the views as they are now
     late.take(*encode_batches(EPOCHS['robot1'], 't', tell(back)))
     assert [len(c.points) for c in late.views().clouds] == [len(c.points) for c in heard.clouds]
+
+
+def test_what_others_hand_on_of_a_robot_that_is_back_is_too_late() -> None:
+    """It goes on with its map, tells its path anew, and tells no view twice."""
+    views, absent = bent_team()[0]['robot1'], {'robot1'}
+    session = ElasticSession('robot3', clock())
+    inbox = ViewInbox(session, {}, lambda kind, reason: None, lambda: 0.0, lambda: absent)
+    before, now = (batches(views, EPOCHS['robot1'], telling=telling) for telling in 'ab')
+    inbox.keep_kept('robot1', encode_kept(before, b''))
+    absent.clear()
+    for batch in now:
+        inbox.keep_batch('robot1', batch)
+    inbox.keep_kept('robot1', encode_kept(before, b''))
+    inbox.drain()
+    assert session.kept('robot1') == encode_kept(now, b'')
+
+
+def test_bonds_of_robots_that_nobody_knows_any_more_are_forgotten() -> None:
+    bonds = ToldBonds('robot3', FactReader())
+    for number in range(3 * MOST_AUTHORS):
+        bonds.take(f'liar{number}', encode_bonds(()))
+    assert len(bonds._bonds) == MOST_AUTHORS
+    for epochs in (EPOCHS, {}):
+        bonds.take('robot1', encode_bonds(()))
+        bonds.refute({}, {}, epochs, 1.0, 1.0)
+    assert not bonds.bytes_of('robot1')
+    bonds.take('robot2', encode_bonds(()))      # before its state
+    bonds.refute({}, {}, {}, 1.0, 1.0)
+    assert bonds.bytes_of('robot2')
 
 
 def test_who_comes_later_gets_what_a_robot_that_is_gone_told() -> None:

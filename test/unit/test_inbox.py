@@ -18,6 +18,7 @@ from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
 from somfusion_ros.team.last_words import DepartedRobot
+from somfusion_ros.team.lent_map import lent_map
 from somfusion_ros.team.map_codec import HEADER, Header, key_message, MapEncoder, number_of
 from somfusion_ros.team.plain_epochs import PlainMap
 from somfusion_ros.team.scouting import Scouting
@@ -137,6 +138,25 @@ def test_changes_go_on_after_others_told_the_map() -> None:
     listener.assert_shows(version(3))
 
 
+def test_what_others_lend_is_never_taken_for_the_own_word_of_a_robot() -> None:
+    """With a number it would be shown unexamined, and be newer than all that comes later."""
+    encoder, listener = MapEncoder(), Listener()
+    encoder.encode(version(1), EPOCH)
+    listener.hear(MAP, encoder.key)
+    listener.look(present=False)
+    encoder.encode(version(0), EPOCH)
+    assert encoder.change is not None
+    for lie in (key_message(version(0), EPOCH, 1 << 60), numbered(encoder.change, 0)):
+        listener.inbox.keep('z', MAP, lie, 1, lent_map)
+        listener.inbox.drain()
+        listener.assert_shows(version(1))
+    assert listener.counted == ['map_of_z_unusable'] * 2
+    listener.look(present=True)
+    encoder.encode(version(3), EPOCH)
+    listener.hear(CHANGES, encoder.change)
+    listener.assert_shows(version(3))
+
+
 def test_a_map_may_become_again_what_it_was() -> None:
     """A new key was like the first one, and the last change of that was put on it."""
     encoder, listener = MapEncoder(), Listener()
@@ -218,6 +238,18 @@ def test_a_slow_slam_of_its_own_is_no_clock_of_a_peer(own_lag: float, ahead: flo
             item = TimedPose(stamp, Pose(0.1 * k), np.eye(3))
             listener.inbox.keep_pose(robot, lambda item=item: (item, EPOCH if k < 0 else None))
     assert [*dict.fromkeys(listener.counted)] == said
+
+
+def test_the_log_names_the_robot_whose_map_shows_too_little() -> None:
+    """Of a pair, the first name is the target, whoever matches it."""
+    said: list[str] = []
+    session = FusionSession('b', TeamConfig(), FusionConfig(), said.append)
+    empty = fake_grid(np.array([[0.0, 0.0, 1.0, 0.0]]))
+    for robot, grid in (('a', empty), ('b', ROOM)):
+        session.begin(robot, Epoch('1f'), 0.0)
+        session.take_map(robot, SharedMap(grid))
+    assert session.attempt(0.0) == 'a'
+    assert "a's map shows too little" in said[-1]
 
 
 def test_a_robot_that_is_heard_no_more_leaves_nothing_behind() -> None:

@@ -14,7 +14,6 @@ from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.fusion.receiver import Receiver
 from somfusion_ros.ros.fusion.team_messages import bytes_from_message, bytes_message
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.channels import MAP
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.map_codec import key_message
@@ -80,7 +79,7 @@ class DepartedLink:
                 self._receiver.inbox.heard.setdefault(robot, Heard())
                 self._fetched[robot] = keeper, [
                     self._subscription(keeper, names.TEAM_DEPARTED, robot,
-                                       partial(self._receiver.on_bytes, robot, channel=MAP)),
+                                       partial(self._receiver.on_lent_map, robot)),
                     self._subscription(keeper, names.TEAM_DEPARTED_VIEWS, robot,
                                        partial(self._on_views, robot))]
 

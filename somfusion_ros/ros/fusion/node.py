@@ -74,7 +74,7 @@ class FusionNode(ManagedNode):
         self._sightings = Sightings(self._name, self._inbox.heard, session.take_sighting,
                                     self._count)
         self._view_inbox = ViewInbox(session.elastic, self._inbox.heard, self._count,
-                                     time.monotonic)
+                                     time.monotonic, lambda: session.absent)
         self._session = session
         self._publisher = FusionPublisher(part, self._frames, self._prefix,
                                           config.merged_map_topic)

@@ -19,9 +19,10 @@ from somfusion_ros.ros.common.map_epoch import MapEpoch
 from somfusion_ros.ros.common.peers import robot_of
 from somfusion_ros.ros.fusion.team_messages import bytes_from_message, clusters_from_message
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.channels import CLUSTERS, PLAIN_MAP, STATE
+from somfusion_ros.team.channels import CLUSTERS, MAP, PLAIN_MAP, STATE
 from somfusion_ros.team.heard import TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
+from somfusion_ros.team.lent_map import lent_map
 from somfusion_ros.team.map_codec import HEADER, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainMap
@@ -58,6 +59,11 @@ class Receiver:
         """Keep a part of the stream of a map."""
         self.inbox.keep(robot, channel, message, len(message.data), bytes_from_message,
                         number_of(bytes(message.data[:HEADER.size])))
+
+    def on_lent_map(self, robot: str, message: UInt8MultiArray) -> None:
+        """Keep the map of a robot that is gone, as another one hands it on."""
+        self.inbox.keep(robot, MAP, message, len(message.data),
+                        lambda lent: lent_map(bytes_from_message(lent)))
 
     def on_state(self, robot: str, message: String) -> None:
         """Keep what a peer accepts."""

@@ -26,6 +26,7 @@ from somfusion_ros.team.channels import (BONDS, CHANGES, CLUSTERS, MAP, PLAIN_MA
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
 from somfusion_ros.team.inbox import Inbox, TimedClusters
+from somfusion_ros.team.lent_map import lent_map
 from somfusion_ros.team.map_codec import key_message, number_of
 from somfusion_ros.team.outbox import Outbox
 from somfusion_ros.team.plain_epochs import PlainMap
@@ -113,7 +114,7 @@ class Station:
         elif one.channel.startswith(f'{DEPARTED}/'):
             robot = one.channel.partition('/')[2]
             self.inbox.heard.setdefault(robot, Heard())
-            self.inbox.keep(robot, MAP, payload, one.message.size, same)
+            self.inbox.keep(robot, MAP, payload, one.message.size, lent_map)
         elif robot in self.inbox.heard and one.channel == POSE:
             self.inbox.keep_pose(robot, lambda: payload)
         elif robot in self.inbox.heard:

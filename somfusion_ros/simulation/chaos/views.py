@@ -22,7 +22,8 @@ class ViewEnd:
                  heard: Mapping[str, Heard], network: Network, count: Callable[..., None],
                  clock: Callable[[], float]) -> None:
         self._name, self._session, self._network = name, session, network
-        self._inbox = ViewInbox(session.elastic, heard, count, clock)
+        self._inbox = ViewInbox(session.elastic, heard, count, clock,
+                                lambda: session.absent)
         self._telling, self._told = '', 0
         self._teller = BondTeller(start)
 
