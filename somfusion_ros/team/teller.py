@@ -74,12 +74,13 @@ class Teller:
                        scans=[scan for scan in path.scans if scan.view < n])
 
     def _taken_back(self, path: Checkpoint) -> tuple[Fact, ...]:
-        """Tell of views that were told and show nothing any more."""
+        """Tell of views that were told and show nothing any more: no view between two of them."""
         empty = {k for k in range(min(self.views, len(path.clouds)))
                  if not len(path.clouds[k].outline.reach)}
-        fresh = sorted(empty - self._empty)
+        fresh = np.array(sorted(empty - self._empty), int)
         self._empty = empty
-        return (encode_taken_back(range(fresh[0], fresh[-1] + 1)),) if fresh else ()
+        runs = np.split(fresh, np.flatnonzero(np.diff(fresh) > 1) + 1) if len(fresh) else []
+        return tuple(encode_taken_back(range(int(run[0]), int(run[-1]) + 1)) for run in runs)
 
     def _fresh(self, path: Checkpoint) -> list[DrawnScan]:
         """Choose scans that show something new, spaced from one another and from their view."""

@@ -167,7 +167,10 @@ class ViewStore:
         elif fact.kind == SCAN:
             self._scans[fact] = self._reader.scan(fact)
         elif fact.kind == TAKEN_BACK:
-            self._taken_back.update(decode_taken_back(fact))
+            views = decode_taken_back(fact)
+            if self._taken_back.issuperset(views):
+                return
+            self._taken_back.update(views)
         else:
             raise ValueError(f'a fact of the kind {fact.kind} is none of a path')
         self.bytes += fact.size

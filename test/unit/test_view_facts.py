@@ -29,7 +29,7 @@ from somfusion_ros.team.view_facts import (decode_constraint, decode_scan, decod
                                            encode_constraint, encode_scan, Facts, heard, TUNING,
                                            ViewFact)
 from somfusion_ros.team.view_set import DrawnScan
-from somfusion_ros.team.view_store import decode_batch, encode_batches
+from somfusion_ros.team.view_store import decode_batch, encode_batches, ViewStore
 
 
 def seen_from(pose: Array, twist: Array | None = None, sweep: float = 0.0, beams: int = 361,
@@ -249,6 +249,24 @@ def test_nothing_is_told_twice_and_nothing_left_out() -> None:
     assert first.loops + second.loops == at_once.loops
     between = first.between + second.between
     assert len(set(between)) == len(between) >= len(at_once.between)
+
+
+def test_views_between_two_that_were_taken_back_stay() -> None:
+    """The path of a robot that was carried away twice, told anew after a restart."""
+    whole, teller, store = path(), Teller(), ViewStore()
+    nothing = Cloud(np.zeros((0, 2)), np.zeros((0, 2)))
+    shown = replace(whole, clouds=[nothing if k in (1, 4) else cloud
+                                   for k, cloud in enumerate(whole.clouds)])
+    told = [batch for facts in (teller.more(shown), teller.more(shown), teller.more(shown))
+            for batch in encode_batches(Epoch('1f'), 't', facts)]
+    for batch in told:
+        store.take(batch)
+    assert [len(cloud.points) > 0 for cloud in store.views().clouds] == [
+        True, False, True, True, False, True]
+    views = store.views()
+    for batch in told:
+        store.take(batch)
+    assert store.views() is views     # what comes again changes nothing
 
 
 def test_a_long_path_is_told_a_few_views_at_a_time() -> None:
