@@ -72,7 +72,7 @@ class Glide:
         kept = {*robots}
         if not self.shown.keys() <= kept:
             goal = {name: poses for name, poses in self._goal.items() if name in kept}
-            self.shown = goal if self.arrived else {
+            self.shown = goal if self.arrived or not goal else {
                 name: poses for name, poses in self.shown.items() if name in kept}
             self._goal = goal
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from somfusion_ros.geometry import Array, between, compose, inverse, Pose
+from somfusion_ros.geometry import Array, between, compose
 from somfusion_ros.team.joint_problem import InterMatch, JointProblem, JointSettings
 from somfusion_ros.team.thinning import Spine
 from somfusion_ros.team.view_set import ViewSet
@@ -26,11 +26,6 @@ class JointSolution:
 
     poses: dict[str, Array]
     chi2: Array
-
-    def T_world_map(self, robot: str, own: Array) -> Pose:
-        """Return where a robot's map lies so that its last view, at poses (n, 3), is right."""
-        last = min(len(own), len(self.poses[robot])) - 1
-        return Pose.from_array(compose(self.poses[robot][last], inverse(own[last])))
 
 
 def solve_joint(robots: Mapping[str, ViewSet], matches: Sequence[InterMatch],

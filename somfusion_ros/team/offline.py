@@ -88,7 +88,7 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
         Pairs, the solution of the graph, T_world_map of its largest group, and the map of that.
     """
     pairs, cache = [], cache or FusionCache()
-    names = sorted(grids, key=list(grids).index)
+    names = list(grids)
     for target, source in combinations(names, 2):
         pairs.append(_align(grids, target, source, config, traced, cache))
         on_pair()
@@ -105,7 +105,7 @@ def fuse(grids: Mapping[str, Grid], config: FusionConfig | None = None, traced: 
     bonds = [pair.bond for pair in pairs if pair.bond is not None and pair.alignment.accepted
              and frozenset(pair.bond.pair) not in dropped]
     views = views or {}
-    told = all(len(views[name]) for name in world) if world.keys() <= views.keys() else False
+    told = world.keys() <= views.keys() and all(len(views[name]) for name in world)
     elastic = straighten(views, world, known=bonds) if told and len(world) > 1 else None
     drawn = (merge_grids(grids, world) if elastic is None else
              draw_joint(views, elastic.poses, min(grids[name].resolution for name in world)))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from somfusion_ros.geometry import Array, difference
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, MAP
@@ -53,7 +54,7 @@ class Outbox:
         self._cells: MapCells | None = None
         self._sent: dict[str, bytes | None] = {MAP: None, CHANGES: None}
         self._said: tuple[str, Any, float] = '', None, 0.0
-        self._told = np.full(3, np.inf)
+        self._told: Array | None = None     # the pose (3,) that was told last
 
     def state(self, snapshot: Snapshot, since: int, now: float) -> str | None:
         """
@@ -79,9 +80,11 @@ class Outbox:
 
     def moved(self, here: TimedPose) -> bool:
         """Note the robot's pose; return whether it moved since it was told last."""
-        if np.abs(np.subtract(here.pose, self._told)).max() < TUNING.stood_still:
+        pose = np.array(here.pose)
+        if self._told is not None and (
+                np.abs(difference(pose, self._told)).max() < TUNING.stood_still):
             return False
-        self._told = np.array(here.pose)
+        self._told = pose
         return True
 
     def share(self, cells: MapCells, epoch: Epoch) -> None:

@@ -173,13 +173,12 @@ class PairHistory:
 
     def _doubt(self, clear: bool, proven: bool) -> str:
         """Count a refusal; several in a row, or a proven one, withdraw the verdict that holds."""
-        self._rivals = []
+        self._rivals, self._on_the_way = [], False     # there is nothing to go on towards
         self._refusals += clear
         self._near_refusals += 1
         if self._refusals < REFUSALS and self._near_refusals < NEAR_REFUSALS and not proven:
             return 'kept'
         self.held, self._refusals, self._near_refusals = None, 0, 0
-        self._on_the_way = False
         return 'withdrawn'
 
     def _challenge(self, rival: Alignment, source: Grid) -> str:

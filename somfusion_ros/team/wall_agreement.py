@@ -26,9 +26,10 @@ def wall_agreement(first: Grid, second: Grid) -> float:
     """
     Return the share of walls that lie near the other map's walls, the worse direction.
 
-    Only wall cells count that lie on cells which the other map knows; NaN where there are few.
+    Only wall cells count that lie on cells which the other map knows; NaN where either map
+    has few.
     """
-    return min(_one_way(first, second), _one_way(second, first))
+    return float(np.minimum(_one_way(first, second), _one_way(second, first)))
 
 
 def _one_way(grid: Grid, other: Grid) -> float:

@@ -29,6 +29,17 @@ def room(bend: float = 0.0, seed: int = 7) -> Grid:
     return fake_grid(curved(short, bend))
 
 
+def test_walls_agree_alike_whichever_map_is_the_first() -> None:
+    """Where one of the maps has few walls, nothing is known."""
+    evidence = np.ones((40, 40))
+    evidence[5, 5:35] = -1.0
+    post = np.ones((40, 40))
+    post[5, 5:9] = -1.0
+    wall, few = Grid(evidence, 0.05), Grid(post, 0.05)
+    assert np.isnan([wall_agreement(wall, few), wall_agreement(few, wall)]).all()
+    assert wall_agreement(wall, wall) == 1.0
+
+
 def test_a_bent_map_is_straightened() -> None:
     grids = {'a': room(), 'b': room(0.06)}
     world = {'a': Pose(), 'b': Pose(0.0, -0.07, -0.01)}

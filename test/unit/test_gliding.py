@@ -86,6 +86,16 @@ def test_another_group_and_a_far_solution_are_shown_at_once() -> None:
     assert said == ['the joint solution moved by up to 3.0 m and 0 deg: it is shown at once']
 
 
+def test_nothing_is_left_to_show_where_all_maps_are_other_ones() -> None:
+    glide = Glide()
+    glide.aim(solution(1, 0.0, 9), 'group')
+    glide.aim(solution(1, 0.5, 9), 'group')
+    assert not glide.arrived
+    glide.keep(())
+    glide.step(1e3)
+    assert glide.arrived and not glide.shown
+
+
 def test_a_new_view_lies_on_from_what_is_shown() -> None:
     glide, whole = Glide(), solution(4, 0.6, 30)
     glide.aim(solution(4, 0.0, 20), 'group')

@@ -113,6 +113,14 @@ def test_a_pose_that_moves_by_more_than_a_step_is_followed_in_steps() -> None:
     assert pair.settled
 
 
+def test_a_refusal_on_the_way_to_another_pose_is_no_reason_to_ask_again() -> None:
+    """The maps stay as they are, and so would the answer, until it was withdrawn."""
+    pair, moved = PairHistory(), Pose(3.3, 1.2, 0.5)
+    told(pair, verdict(THERE), verdict(moved))
+    assert told(pair, verdict(moved, 0.9)) == ['kept']
+    assert not pair.due(ROOM, ROOM, 2.0 * TUNING.soon, 0.1)
+
+
 def test_another_pose_must_be_clearly_better_twice_in_a_row() -> None:
     pair = PairHistory()
     better, worse = verdict(ELSEWHERE, 0.97), verdict(ELSEWHERE, 0.96, rival=0.95)

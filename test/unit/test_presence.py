@@ -203,6 +203,13 @@ def test_a_match_that_cannot_be_is_withdrawn_at_once_though_no_map_changes() -> 
     assert told(session) == {'match'}
 
 
+def test_a_robot_that_stands_does_not_move_where_headings_wrap() -> None:
+    told = Outbox('ab12', 'b', bytes(32))
+    assert told.moved(TimedPose(0.0, Pose(1.0, 2.0, np.pi - 1e-3), np.eye(3)))
+    assert not told.moved(TimedPose(1.0, Pose(1.0, 2.0, -np.pi + 1e-3), np.eye(3)))
+    assert told.moved(TimedPose(2.0, Pose(1.0, 2.0, -np.pi + 0.1), np.eye(3)))
+
+
 def test_a_node_that_begins_anew_is_told_where_robots_were_and_hands_it_on() -> None:
     there, epochs = Presence(), {robot: Epoch(robot) for robot in 'abc'}
     for pose in WAY:
