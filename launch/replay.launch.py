@@ -24,7 +24,8 @@ ROBOT = Path(get_package_share_directory('somfusion_ros')) / 'launch' / 'robot.l
 
 def start_team(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Start the robots robot1, robot2 ... in the order of the bags."""
-    bags = LaunchConfiguration('bags').perform(context).split()
+    bags = [str(Path(bag).expanduser())   # which no shell does within quotes
+            for bag in LaunchConfiguration('bags').perform(context).split()]
     rate = LaunchConfiguration('rate').perform(context)
     robots = [f'robot{number}' for number in range(1, len(bags) + 1)]
     passed_on = {name: LaunchConfiguration(name) for name in ('params_file', 'log_level')}

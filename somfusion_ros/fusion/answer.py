@@ -88,7 +88,7 @@ def turned_round(answer: Alignment) -> Alignment:
     J = np.array([[-c, -s, back[1]], [s, -c, -back[0]], [0.0, 0.0, -1.0]])
     rival = answer.runner_up
     if rival is not None:
-        rival = replace(rival, T_target_source=Pose(*inverse(rival.T_target_source)))
-    return replace(answer, T_target_source=Pose(*back), runner_up=rival,
+        rival = replace(rival, T_target_source=Pose(*inverse(rival.T_target_source).tolist()))
+    return replace(answer, T_target_source=Pose(*back.tolist()), runner_up=rival,
                    lookout_target=answer.lookout_source, lookout_source=answer.lookout_target,
                    covariance=J @ answer.covariance @ J.T)

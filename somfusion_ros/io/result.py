@@ -120,11 +120,13 @@ def read_result(folder: Path) -> dict[str, Any]:
     path = folder / RESULT
     try:
         record: dict[str, Any] = json.loads(path.read_text())
-        if not isinstance(record['robots'], dict) or not isinstance(record['pairs'], list):
+        named = [pair[role] for pair in record['pairs'] for role in ('target', 'source')]
+        placed = [pose_of(record['transforms'][name]) for name in record['transforms']]
+        if not {*named, *record['transforms']} <= record['robots'].keys() or None in placed:
             raise KeyError('robots')
     except OSError as error:
         raise InputError(f'{path}: {error.strerror}') from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f'{path}: not a result of replay or merge') from error
     return record
 

@@ -3,6 +3,7 @@
 """Bags and folders that cannot be used: one line that names them, exit status 2, no traceback."""
 
 from dataclasses import replace
+import json
 from pathlib import Path
 import shutil
 
@@ -251,5 +252,12 @@ def test_merge_of_one_map(tmp_path: Path, capsys: pytest.CaptureFixture) -> None
 
 def test_report_of_a_folder_that_is_no_result(tmp_path: Path,
                                               capsys: pytest.CaptureFixture) -> None:
-    (tmp_path / 'result.json').write_text('{"pairs": 3}')
-    assert 'not a result' in command(capsys, 'report', tmp_path)
+    whole = {'robots': {'a': {}, 'b': {}}, 'pairs': [{'target': 'a', 'source': 'b'}],
+             'transforms': {'a': {'x': 0.0, 'y': 0.0, 'theta': 0.0}}}
+    for changes in ({'pairs': 3}, {'robots': ['a', 'b']}, {'robots': {'a': {}}},
+                    {'transforms': 3}, {'transforms': {'a': {'x': 1.0}}},
+                    {'transforms': {'a': None}}, {'transforms': {'c': {}}}):
+        (tmp_path / 'result.json').write_text(json.dumps(whole | changes))
+        assert 'not a result' in command(capsys, 'report', tmp_path)
+    (tmp_path / 'result.json').write_text(json.dumps(whole))
+    assert 'evidence.npz' in command(capsys, 'report', tmp_path)   # read, but without its maps
