@@ -89,7 +89,7 @@ def main() -> int:
     except subprocess.CalledProcessError as error:
         sys.stderr.write(f'{error.stdout[-2000:]}\ntf2_msgs could not be made, see above\n')
         return 1
-    except OSError as error:
+    except (OSError, subprocess.TimeoutExpired) as error:
         sys.stderr.write(f'tf2_msgs could not be made: {error}\n')
         return 1
     return 0

@@ -112,6 +112,7 @@ class SlamNodeConfig:
 
     def __post_init__(self) -> None:
         validate(self)
+        _strip_frames(self, 'odom_frame', 'map_frame', 'base_frame')
         if self.mode == 'localization' and not (self.map_file or self.map_topic):
             raise SettingError('mode', 'localization needs a map: set map_file or map_topic')
         if len(self.laser_pose) != 3:
@@ -193,7 +194,17 @@ class FusionNodeConfig:
 
     def __post_init__(self) -> None:
         validate(self)
+        _strip_frames(self, 'world_frame', 'map_frame')
         object.__setattr__(self, 'peers', split_words(self.peers) or ('',))
+
+
+def _strip_frames(config: SlamNodeConfig | FusionNodeConfig, *names: str) -> None:
+    """Take the first slash off names of frames, as tf2 does; SettingError if nothing is left."""
+    for name in names:
+        frame = getattr(config, name).strip().lstrip('/')
+        if not frame:
+            raise SettingError(name, f'= {getattr(config, name)!r} must be the name of a frame')
+        object.__setattr__(config, name, frame)
 
 
 def split_words(texts: Iterable[str]) -> tuple[str, ...]:

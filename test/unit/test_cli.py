@@ -202,7 +202,7 @@ def test_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
     'map_update_interval: .nan', 'robot_name: a b', 'map_topic: a!', 'peers: robot-2',
     'scan_topics: "front/scan, b!"', 'world_anchor: 2nd', 'mode: localization',
     'resolution: true', 'robot_map_topic: map/', 'merged_map_topic: ""', 'scan_topics: scan/',
-    'robot_name: küche', 'map_topic: a//b'])
+    'robot_name: küche', 'map_topic: a//b', 'map_frame: ""', 'odom_frame: /'])
 def test_a_bad_value_is_told_with_file_and_node(tmp_path: Path, wrong: str) -> None:
     """Also of a parameter that the command does not use: the node would not start with it."""
     good, bad = tmp_path / 'good.yaml', tmp_path / 'bad.yaml'
@@ -226,6 +226,7 @@ def test_names_of_robots_and_topics_are_taken() -> None:
     values = {'robot_name': 'fleet/robot7', 'robot_map_topic': '~/map', 'merged_map_topic': '/all',
               'peers': 'robot2, fleet/robot3', 'map_topic': ''}
     assert make(FusionNodeConfig, values).peers == ('robot2', 'fleet/robot3')
+    assert make(SlamNodeConfig, {'map_frame': '/map'}).map_frame == 'map', 'as tf2 has it'
     assert make(SlamNodeConfig, {'scan_topics': ['front/scan back/scan']}).scan_topics == (
         'front/scan', 'back/scan')
 

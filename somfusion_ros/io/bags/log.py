@@ -4,7 +4,7 @@
 Scans and odometry out of a recorded log: rosbag1, or rosbag2 in sqlite3 or mcap.
 
 The ranges are handed on as they were recorded: what 0 or a value above `range_max` means is
-decided in one place for logs and live scans alike, `somfusion_ros.slam.scan`.
+decided in one place for logs and live scans alike, `somfusion_ros.slam.laser`.
 """
 
 from collections import deque

@@ -28,8 +28,8 @@ PEERS = 'peers'   # followed by the name of a robot and by map, path or clusters
 TEAM_STATE, TEAM_POSE = 'team/state', 'team/pose'
 TEAM_MAP, TEAM_MAP_CHANGES = 'team/map', 'team/map_changes'
 TEAM_BONDS = 'team/bonds'         # matches between the views of two robots
-TEAM_DEPARTED = 'team/departed'   # followed by the name of the robot that is gone,
-TEAM_DEPARTED_VIEWS = 'team/departed_views'   # likewise
+# Followed by the name of the robot that is gone.
+TEAM_DEPARTED, TEAM_DEPARTED_VIEWS = 'team/departed', 'team/departed_views'
 
 # Services below each node's name.
 SAVE_MAP, SAVE_MAP_AS, RESET, MERGE = '~/save_map', '~/save_map_as', '~/reset', '~/merge'

@@ -12,7 +12,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 MATCH_ANGLE, MATCH_REACH = np.radians(10.0), 0.4   # [rad], [m] within which clusters match
-NORM_LENGTH = 0.3                  # [m] of a normal's arrow
+NORMAL_LENGTH = 0.3                # [m] of a normal's arrow
 GOLDEN_ANGLE = 2.399963            # [rad] between the hues of two segments
 WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 RED = ColorRGBA(r=1.0, g=0.2, b=0.2, a=1.0)
@@ -35,7 +35,7 @@ def team_markers(learned: LearnedMap, frame: str, stamp: Time,
     segments.colors = [_hue(int(s)) for s in learned.segments]
     surfaces = _marker(header, 'surfaces', Marker.LINE_LIST, c.centres[c.edges].reshape(-1, 2),
                        WHITE)
-    tips = c.centres + NORM_LENGTH * c.normals
+    tips = c.centres + NORMAL_LENGTH * c.normals
     normals = _marker(header, 'normals', Marker.LINE_LIST,
                       np.stack([c.centres, tips], 1).reshape(-1, 2), YELLOW)
     matched = _marker(header, 'matches', Marker.LINE_LIST, matches.reshape(-1, 2), RED)
