@@ -46,6 +46,7 @@ from somfusion_ros.ros.fusion.publisher import FusionPublisher  # noqa: E402
 from somfusion_ros.ros.fusion.status import fusion_statuses  # noqa: E402
 from somfusion_ros.ros.fusion.view_link import ViewLink  # noqa: E402
 from somfusion_ros.ros.slam.joint_path import JointPath  # noqa: E402
+from somfusion_ros.ros.slam.node import SlamNode  # noqa: E402
 from somfusion_ros.ros.slam.odometry_input import OdometryInput  # noqa: E402
 from somfusion_ros.ros.slam.pipeline import Pipeline  # noqa: E402
 from somfusion_ros.ros.slam.status import Last  # noqa: E402
@@ -517,3 +518,14 @@ def test_watch_passes_over_places_that_are_none() -> None:
         Pose(float('nan'), 0.0, 0.0), 'map', 'robot2/map', Time()))
     assert watch._team.poses == {}
     assert not watch._team.transforms.get('robot1')
+
+
+@pytest.mark.parametrize(('frame', 'told'), [
+    ('', 'the scans have no frame_id'),
+    ('laser', 'no transform base_link -> laser on /tf_static')])
+def test_what_a_scan_without_a_mount_lacks_is_told(frame: str, told: str) -> None:
+    mounts = SimpleNamespace(find=lambda base, laser: None, hint=lambda base, laser: '')
+    node = SimpleNamespace(_config=SlamNodeConfig(), _last=Last(), _mounts=mounts)
+    assert SlamNode._mount_of(node, frame) is None
+    assert node._last.lacking.startswith(told)
+    assert 'set laser_pose' in node._last.lacking

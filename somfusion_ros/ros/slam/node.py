@@ -173,7 +173,10 @@ class SlamNode(ManagedNode):
         except ValueError as error:
             self._last.lacking = str(error)
             return None
-        if mount is None:
+        if mount is None and not plain(laser):
+            self._last.lacking = ('the scans have no frame_id: set it in the driver of the laser, '
+                                  'or set laser_pose')
+        elif mount is None:
             self._last.lacking = (f'no transform {base} -> {laser} on /tf_static'
                                   f'{self._mounts.hint(base, laser)}: publish it, or set '
                                   'laser_pose')
