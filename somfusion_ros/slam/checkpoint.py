@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import Array, between
+from somfusion_ros.slam.chains import Chains
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.epoch import Epoch
@@ -97,6 +98,7 @@ class ViewGraph:
         for stamp, view, pose in zip(piece.trail.stamps, piece.trail.views, piece.trail.poses,
                                      strict=True):
             self.trail.append(float(stamp), int(view) + first, pose)
+        self.to_close.extend(view + first for view in piece.to_close)
 
     def local_map(self, view: int, around: Sequence[int]) -> LocalMap:
         """Join what views saw, in the frame of one of them."""
@@ -104,12 +106,14 @@ class ViewGraph:
         return LocalMap.of_views([self.clouds[k] for k in around],
                                  list(between(poses[view], poses[list(around)])))
 
+    @property
+    def chains(self) -> Chains:
+        """The chains of the views there are now; the lock must be held."""
+        return Chains(self.ekf.begins, self.ekf.n)
+
     def chain(self, view: int) -> range:
         """Return the views that follow one another, with a view among them."""
-        begins = self.ekf.begins
-        after = int(np.searchsorted(begins, view, side='right'))
-        return range(int(begins[after - 1]),
-                     int(begins[after]) if after < len(begins) else self.ekf.n)
+        return self.chains.of(view)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,5 +171,5 @@ class Checkpoint:
         graph = ViewGraph(ekf, list(self.clouds), [centre(cloud) for cloud in self.clouds],
                           self.stamps.tolist(), list(self.constraints), scans, Trail(self.trail),
                           deque(self.to_close), self.epoch)
-        graph.hide(k for k, cloud in enumerate(self.clouds) if not len(cloud))
+        graph.replace([k for k, cloud in enumerate(self.clouds) if not len(cloud)])
         return graph

@@ -7,7 +7,7 @@ What did not change since the last checkpoint is not written again. Where a reco
 view loses its surface, or its constraint is made of the poses; the map stays.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from somfusion_ros.geometry import Array
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_reader import assemble, CLOSED, Flaws, OPENED
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.journal import Journal, open_file, Opener, packed
 from somfusion_ros.slam.map_scans import MapScan
@@ -46,15 +47,15 @@ class CheckpointFile:
 
     def save(self, checkpoint: Checkpoint) -> int:
         """Write what changed and return its length [bytes]; OSError where the disk is full."""
-        new = self._changes(checkpoint)
-        if not self._whole or self._journal.size > max(LEAST, WASTE * self._whole):
+        if (self._whole and self._is_copied_by(checkpoint)
+                and self._journal.size <= max(LEAST, WASTE * self._whole)):
+            data = b''.join(self._changes(checkpoint))
+            self._journal.append(data)
+        else:
             self._forget()
             data = b''.join(self._changes(checkpoint))
             self._journal.replace(data)
             self._whole = len(data)
-        else:
-            data = b''.join(new)
-            self._journal.append(data)
         self._remember(checkpoint)
         return len(data)
 
@@ -74,16 +75,29 @@ class CheckpointFile:
     def _forget(self) -> None:
         """Hold nothing as written."""
         self._whole = 0
-        self._views = self._constraints = self._trail = self._void = 0
+        self._stamps = np.zeros(0)                  # [s] of the views
+        self._constraints: Sequence[Constraint] = ()
+        self._epoch = Epoch()
+        self._trail = 0
+        self._void: set[int] = set()    # views without a surface
         self._trail_end = np.inf        # stamp [s] of the trail's last row
         self._scans: dict[MapScan, int] = {}
         self._next_scan = 0
 
+    def _is_copied_by(self, checkpoint: Checkpoint) -> bool:
+        """Return whether a checkpoint is a later one of the map that is written."""
+        views, constraints = len(self._stamps), self._constraints
+        return (checkpoint.epoch == self._epoch
+                and np.array_equal(checkpoint.stamps[:views], self._stamps)
+                and all(new is old for new, old in zip(
+                    checkpoint.constraints, constraints, strict=False))
+                and len(checkpoint.constraints) >= len(constraints))
+
     def _remember(self, checkpoint: Checkpoint) -> None:
         """Hold a checkpoint as written."""
-        self._views, self._constraints = len(checkpoint.clouds), len(checkpoint.constraints)
-        self._trail = len(checkpoint.trail)
-        self._void = sum(len(cloud) == 0 for cloud in checkpoint.clouds)
+        self._stamps, self._constraints = checkpoint.stamps, checkpoint.constraints
+        self._epoch, self._trail = checkpoint.epoch, len(checkpoint.trail)
+        self._void = {k for k, cloud in enumerate(checkpoint.clouds) if not len(cloud)}
         self._trail_end = float(checkpoint.trail[-1, 0]) if self._trail else np.inf
         for scan in checkpoint.scans:
             if scan not in self._scans:
@@ -94,12 +108,11 @@ class CheckpointFile:
 
     def _changes(self, c: Checkpoint) -> list[bytes]:
         """Return the records that take what is written to a checkpoint."""
-        made = [_view(k, c.stamps[k], c.clouds[k]) for k in range(self._views, len(c.clouds))]
+        views = range(len(self._stamps), len(c.clouds))
+        void = [k for k in range(views.start) if not len(c.clouds[k]) and k not in self._void]
+        made = [_view(k, c.stamps[k], c.clouds[k]) for k in (*void, *views)]
         made += [_constraint(k, c.constraints[k])
-                 for k in range(self._constraints, len(c.constraints))]
-        void = [k for k in range(self._views) if not len(c.clouds[k])]
-        if len(void) > self._void:
-            made.append(packed('void', {'views': np.array(void)}))
+                 for k in range(len(self._constraints), len(c.constraints))]
         new = [scan for scan in c.scans if scan not in self._scans]
         made += [_map_scan(self._next_scan + k, scan) for k, scan in enumerate(new)]
         kept = set(c.scans)

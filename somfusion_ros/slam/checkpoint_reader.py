@@ -121,18 +121,13 @@ def _now(read: _Read, a: dict[str, Array]) -> Checkpoint:
         poses=poses, stamps=np.zeros(0), clouds=(), constraints=(), scans=(),
         trail=read.trail, to_close=tuple(a['to_close'].tolist()), view=view,
         tracker=TrackerState.from_arrays({name: a[name] for name in SHAPES}),
-        epoch=_epoch(a['epoch'].tobytes().decode()),
+        epoch=Epoch.read(a['epoch'].tobytes().decode()),
         around=_views(a, 'around', len(poses)), fresh=_views(a, 'fresh', len(poses)))
 
 
 def _views(a: dict[str, Array], name: str, n: int) -> tuple[int, ...]:
     """Return which of n views an array names; none where an earlier version wrote no such."""
     return tuple(k for k in a.get(name, np.zeros(0, int)).tolist() if 0 <= k < n)
-
-
-def _epoch(text: str) -> Epoch:
-    """Return which map it is; one that was made offline has no start."""
-    return Epoch() if text == str(Epoch()) else Epoch.parse(text)
 
 
 def _made_good(read: _Read, newest: Checkpoint) -> Checkpoint:

@@ -6,6 +6,7 @@ import re
 from typing import NamedTuple
 
 WRITTEN = re.compile(r'([0-9a-z]{1,32})\.([0-9]{1,9})(?:\.([0-9a-z]{1,12}))?')
+ALONE = re.compile(r'\.([0-9]{1,9})')   # of an offline run, which has no start
 LONGEST = 42     # letters, for which map messages have room
 SHORT = 12       # letters of the program that went back
 
@@ -39,7 +40,8 @@ class Epoch(NamedTuple):
     @classmethod
     def read(cls, text: object) -> 'Epoch':
         """Read what was written, also of a map that has no other beside it; else ValueError."""
-        return cls() if text == str(cls()) else cls.parse(text)
+        alone = ALONE.fullmatch(text) if isinstance(text, str) else None
+        return cls(reset=int(alone[1])) if alone else cls.parse(text)
 
     def gone_back(self, start: str) -> 'Epoch':
         """Return the epoch of this map as a program goes on with an earlier state of it."""

@@ -70,7 +70,7 @@ class Gyro:
         self._sums = np.zeros(2)              # of turns told and matched
         self._rough = np.zeros(2)             # of turns told, and turned by the wheels
         self._wheels: tuple[Odometry, float | None] | None = None
-        self._last: tuple[Step, Odometry] | None = None
+        self._last: tuple[Step, float] | None = None    # and its stamp [s] by the gyroscope
 
     def add(self, stamp: float, rate: float) -> None:
         """Take the turn rate [rad/s] at a stamp [s]; what runs back is left out."""
@@ -97,13 +97,13 @@ class Gyro:
         return odometry if heading is None else replace(
             odometry, heading=(self._run, heading, drift))
 
-    def learn(self, step: Step, odometry: Odometry) -> None:
-        """Take the step that a scan made with an odometry."""
-        last, self._last = self._last, ((step, odometry) if step.matched else None)
-        if last is None or not self._angles or not step.matched:
+    def learn(self, step: Step, stamp: float) -> None:
+        """Take the step that a scan made, of a stamp [s] by the gyroscope's clock."""
+        last, self._last = self._last, ((step, stamp) if step.matched else None)
+        if last is None or not step.matched:
             return
         time = step.stamp - last[0].stamp
-        told = [self._raw(at.stamp) for at in (last[1], odometry)]
+        told = [self._raw(at) for at in (last[1], stamp)]
         if told[0] is None or told[1] is None or not 0.0 < time < LONGEST:
             return
         matched = float(between(np.array(last[0].pose), np.array(step.pose))[2])

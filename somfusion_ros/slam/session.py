@@ -150,7 +150,7 @@ class Session:
         if self._guess is not None:
             self._guess.learn(step)
         with self._lock:
-            self._pairing.gyro.learn(step, paired.odometry)
+            self._pairing.gyro.learn(step, paired.odometry.stamp + self._pairing.odometry.lag)
         return paired.tag, step
 
     def _resume(self, checkpoint: Checkpoint, how: Start) -> None:

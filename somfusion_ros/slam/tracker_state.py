@@ -50,11 +50,12 @@ class TrackerState:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> 'TrackerState':
         """Make a state of arrays by name; ValueError where they are others than `arrays` makes."""
-        if {name: value.shape for name, value in arrays.items()} != SHAPES:
+        shapes = {name: value.shape for name, value in arrays.items()}
+        if shapes != SHAPES and shapes != {**SHAPES, 'odometry': (0,)}:
             raise ValueError('its tracker is that of another version')
-        stamp, odometry = float(arrays['odometry'][0]), arrays['odometry'][1:]
         every: dict[str, Any] = {name: array.copy() if array.ndim else float(array)
                                  for name, array in arrays.items()}
-        every |= {'odometry': Odometry(stamp, odometry[:3], odometry[3:]),
+        o = every['odometry']
+        every |= {'odometry': Odometry(float(o[0]), o[1:4], o[4:]) if len(o) else None,
                   'lost': bool(arrays['lost'])}
         return cls(**every)

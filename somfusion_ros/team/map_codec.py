@@ -161,7 +161,7 @@ def number_of(message: bytes) -> int:
 def _epoch(field: bytes) -> Epoch:
     """Read the epoch in a header; ValueError where it is none."""
     text = field.rstrip(b'\0').decode('ascii', 'replace')
-    return Epoch() if text == str(Epoch()) else Epoch.parse(text)
+    return Epoch.read(text)
 
 
 def _difference(cells: MapCells, epoch: Epoch, number: int, key: MapCells,

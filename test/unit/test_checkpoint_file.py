@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, compose
+from somfusion_ros.grid import Grid
 from somfusion_ros.offline.beginning import from_state
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import (CheckpointFile, load_checkpoint,
@@ -21,6 +22,8 @@ from somfusion_ros.slam.checkpoint_file import (CheckpointFile, load_checkpoint,
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.checkpoint_reader import assemble
 from somfusion_ros.slam.constraint import Constraint
+from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.grid_views import grid_checkpoint
 from somfusion_ros.slam.journal import JournalInUse, packed, records
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.motion import Odometry
@@ -345,3 +348,54 @@ def test_absurd_counts_and_covariances_are_counted_and_said(
 def test_no_file_is_no_damage(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         load_checkpoint(tmp_path / 'nothing.npz')
+
+
+@pytest.mark.parametrize('last', [HALF + 60, len(STAMPS)])
+def test_a_map_that_is_begun_anew_takes_the_place_of_the_old_one_in_the_file(
+        last: int, half: Slam, tmp_path: Path) -> None:
+    """Its first views were taken for written, as the old map had as many, or more."""
+    path, anew = tmp_path / 'state.map', Slam(epoch=Epoch('x', 1))
+    drive(anew, HALF, last)
+    file = CheckpointFile(path)
+    file.save(half.checkpoint())
+    file.save(anew.checkpoint())
+    written, again = anew.checkpoint(), load_checkpoint(path)
+    assert np.array_equal(again.poses, written.poses)
+    assert np.array_equal(again.stamps, written.stamps)
+    for old, new in zip(written.clouds, again.clouds, strict=True):
+        assert np.allclose(new.points, old.points, atol=1e-5)
+    for one, other in zip(written.constraints, again.constraints, strict=True):
+        assert (one.first, one.second) == (other.first, other.second)
+        assert np.array_equal(one.z, other.z)
+
+
+def test_the_state_of_a_robot_that_has_not_driven_yet_can_be_read(tmp_path: Path) -> None:
+    evidence = np.pad(np.ones((80, 80), np.float32), 3, constant_values=-1.0)
+    state = grid_checkpoint(Grid(evidence, 0.05))
+    save_checkpoint(tmp_path / 'state.map', state)
+    again = load_checkpoint(tmp_path / 'state.map')
+    assert again.tracker.odometry is None
+    assert np.array_equal(again.poses, state.poses)
+
+
+def test_a_view_whose_place_was_taken_is_drawn_after_a_restart_too(tmp_path: Path) -> None:
+    slam = Slam()
+    drive(slam, 0, HALF // 2)
+    graph, file = slam.checkpoint().graph(), CheckpointFile(tmp_path / 'state.map')
+    file.save(Checkpoint.of(graph, 0, slam.checkpoint().tracker))
+    graph.replace([2])
+    graph.hide([3])
+    file.save(Checkpoint.of(graph, 0, slam.checkpoint().tracker))
+    again = load_checkpoint(tmp_path / 'state.map').graph()
+    assert again.hidden == {2, 3}
+    assert len(again.clouds[2]) == len(again.clouds[3].outline.reach) == 0
+    assert np.array_equal(again.clouds[2].outline.ends, graph.clouds[2].outline.ends)
+
+
+def test_views_of_a_piece_whose_loops_wait_still_do_once_it_is_joined(half: Slam) -> None:
+    piece, graph = Slam(background=True), half.checkpoint().graph()
+    drive(piece, HALF, HALF + 30)
+    joined, n = piece.checkpoint().graph(), graph.ekf.n
+    assert joined.to_close and not graph.to_close
+    graph.join(joined, Constraint(0, n, np.zeros(3), np.eye(3)))
+    assert list(graph.to_close) == [view + n for view in joined.to_close]

@@ -3,12 +3,14 @@
 """Which map it is: written and read, kept across a restart, new with every new map."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from somfusion_ros.grid import Grid
 from somfusion_ros.simulation.floor_plan import office
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import SICK
@@ -16,6 +18,7 @@ from somfusion_ros.slam.checkpoint_file import load_checkpoint, save_checkpoint
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.epoch import Epoch
+from somfusion_ros.slam.grid_views import grid_checkpoint
 from somfusion_ros.slam.session import Session
 from somfusion_ros.slam.start import Start
 
@@ -136,3 +139,14 @@ def test_a_map_that_was_made_offline_begins_its_epoch_where_it_is_loaded(tmp_pat
     save_checkpoint(tmp_path / 'state.npz', first.slam.checkpoint())
     again = session('2e', checkpoint=load_checkpoint(tmp_path / 'state.npz'))
     assert again.slam.epoch == Epoch('2e', 0)
+
+
+@pytest.mark.parametrize('begun', range(3))
+def test_a_map_that_is_begun_anew_without_a_name_can_be_read(begun: int, tmp_path: Path) -> None:
+    """A replay that learned the order of the beams wrote a state that could not be read."""
+    one = session('')
+    for _ in range(begun):
+        one.reset()
+    state = grid_checkpoint(Grid(np.pad(np.ones((80, 80)), 3, constant_values=-1.0), 0.05))
+    save_checkpoint(tmp_path / 'state.map', replace(state, epoch=one.slam.epoch))
+    assert load_checkpoint(tmp_path / 'state.map').epoch == one.slam.epoch == Epoch('', begun)
