@@ -88,9 +88,10 @@ class Mapper:
         for k in np.flatnonzero(again):
             now.bounds[k] = _bounds(outlines[k], poses[k])
         self._fit(now, again)
-        if moved.any():
-            shown = now.old & ~now.left_out
-            self._redraw(np.vstack([before, now.bounds[moved & shown]]), outlines, now, shown)
+        shown = now.old & ~now.left_out
+        changed = np.vstack([before, now.bounds[moved & shown]])
+        if len(changed):
+            self._redraw(changed, outlines, now, shown)
         for k in np.flatnonzero(~now.old & ~now.left_out):
             self._draw(outlines[k], now.poses[k], now.bounds[k])
         now.old[:] = True
@@ -130,8 +131,7 @@ class Mapper:
         """Make room for some of the scans; mark those with which the map would be too large."""
         if again.any():
             now.left_out[again] = ~self._grow(now.bounds[again])
-        if now.left_out.any():
-            self._counters['map_scans_too_far'] = int(np.count_nonzero(now.left_out))
+        self._counters['map_scans_too_far'] = int(np.count_nonzero(now.left_out))
 
     def _redraw(self, changed: Array, outlines: Sequence[Outline], now: DrawnScans,
                 shown: NDArray[np.bool_]) -> None:
@@ -225,7 +225,7 @@ def place(scans: Sequence[MapScan], views: Array) -> Array:
 
 def _together(low: Array, high: Array) -> NDArray[np.bool_]:
     """Return which rectangles (n,) of cells fit into one map with those before them."""
-    fits, floor, ceiling = np.zeros(len(low), bool), low[0], high[0]
+    fits, floor, ceiling = np.zeros(len(low), bool), np.full(2, np.inf), np.full(2, -np.inf)
     for k in range(len(low)):
         lower, upper = np.minimum(floor, low[k]), np.maximum(ceiling, high[k])
         if np.prod(upper - lower) <= MOST_CELLS:

@@ -10,6 +10,7 @@ from helpers import fake_room, fake_scan
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.slam.scan import cloud
@@ -166,3 +167,23 @@ def test_a_scan_far_away_is_left_out_and_counted() -> None:
         grid = Mapper(0.05, counters).render(far, np.vstack([PLACES, away]))
         np.testing.assert_array_equal(grid.evidence, whole.evidence)
         assert counters['map_scans_too_far'] == 1
+
+
+def test_a_scan_far_away_may_move_and_come_back() -> None:
+    """Where only scans moved that were left out, nothing was left to draw: it was an error."""
+    counters: Counter[str] = Counter()
+    mapper, far = Mapper(0.05, counters), len(PLACES)
+    every = [*scans(), MapScan(far, np.zeros(3), scans()[0].outline)]
+    for away, too_far in (3e5, 1), (4e5, 1), (2.0, 0):
+        grid = mapper.render(every, np.vstack([PLACES, (away, 1.0, 0.0)]))
+        assert counters['map_scans_too_far'] == too_far
+    anew = Mapper(0.05).render(every, np.vstack([PLACES, (2.0, 1.0, 0.0)]))
+    assert grid.known.sum() == anew.known.sum()
+
+
+def test_a_first_scan_that_is_too_large_leaves_room_for_the_others() -> None:
+    every = scans()
+    large = replace(every[0], outline=Outline(
+        300.0 * every[0].outline.ends, 300.0 * every[0].outline.reach, every[0].outline.hit))
+    np.testing.assert_array_equal(Mapper(0.05).render([large, *every], PLACES).evidence,
+                                  Mapper(0.05).render(every, PLACES).evidence)
