@@ -13,10 +13,10 @@ from typing import NamedTuple
 from somfusion_ros.slam.beam_order import BeamOrder
 from somfusion_ros.slam.bodies import Bodies
 from somfusion_ros.slam.config import AUTO, SlamConfig
+from somfusion_ros.slam.laser import MOST_LASERS
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Scan
 
-MOST_LASERS = 16        # of one robot, whose orders are learned
 MOST_EARLY = 600        # scans that are kept until the order is known: a minute at 10 Hz
 FEW = 50                # scans without any time_increment, after which none is waited for
 MOST_BEAMS = 1000000    # of all of them

@@ -10,6 +10,7 @@ from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.sweep import Sweep
 
 FARTHEST = 300.0   # [m] that a laser of a robot may see
+MOST_LASERS = 16   # of one robot, whose habits are learned
 
 
 class Laser:

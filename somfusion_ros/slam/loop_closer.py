@@ -8,6 +8,7 @@ from threading import Lock
 import numpy as np
 from somfusion_ros.geometry import Array
 from somfusion_ros.slam import loop_matching, loops, smoothing
+from somfusion_ros.slam.chains import Chains
 from somfusion_ros.slam.checkpoint import ViewGraph
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.doubts import Doubts
@@ -22,7 +23,7 @@ class LoopCloser:
     def __init__(self, graph: ViewGraph, lock: Lock, config: SlamConfig,
                  counters: Counter[str]) -> None:
         self.graph, self.config, self.counters = graph, config, counters
-        self.closure = LoopClosure(config)
+        self.closure = LoopClosure()
         self.doubts = Doubts(graph, counters)
         self._lock = lock
         self._moved = 0.0    # [m] that loops moved the poses since the last re-solving
@@ -36,12 +37,13 @@ class LoopCloser:
             graph = self.graph
             targets = loops.candidates(new, graph.ekf, np.array(graph.centres), self.config,
                                        self.closure.supposed(new, graph.ekf))
-            poses = graph.ekf.poses.copy()
+            poses, chains = graph.ekf.poses.copy(), graph.chains
         if targets:
-            self._match_loops(new, targets, poses)
+            self._match_loops(new, targets, poses, chains)
         self._relinearise()
         with self._lock:
-            self.doubts.judge(new, new - self.config.loop_minimum_gap)
+            if new not in graph.hidden:    # else it was taken back meanwhile
+                self.doubts.judge(new, new - self.config.loop_minimum_gap)
         while self._look_again():
             continue
         return True
@@ -63,13 +65,14 @@ class LoopCloser:
                 self.doubts.deny(bridge)
         return True
 
-    def _match_loops(self, new: int, targets: list[loops.Candidate], poses: Array) -> None:
+    def _match_loops(self, new: int, targets: list[loops.Candidate], poses: Array,
+                     chains: Chains) -> None:
         """Match a view against old places; update the filter by what is trusted."""
         newest, clouds = new - self.config.loop_minimum_gap, self.graph.clouds
-        seen = loop_matching.recent(new, self.graph.chain(new), poses, clouds)
+        seen = loop_matching.recent(new, chains.of(new), poses, clouds)
 
         def around(old: int) -> LocalMap:
-            own = self.graph.chain(old)
+            own = chains.of(old)
             own = range(own.start, min(own.stop, newest + 1))
             return loop_matching.local_map(old, own, poses, clouds)
 
@@ -83,7 +86,9 @@ class LoopCloser:
     def _close(self, found: Loop) -> None:
         """Update the filter by the constraints that are trusted now."""
         with self._lock:
-            constraints = self.closure.trusted(found, self.graph.ekf)
+            if found.constraint.second in self.graph.hidden:
+                return      # the view was taken back while it was matched
+            constraints = self.closure.trusted(found, self.graph.ekf, self.graph.hidden)
             for constraint in constraints:
                 self._moved += self.graph.ekf.update(constraint)
                 self.graph.constraints.append(constraint)

@@ -13,12 +13,12 @@ that agree must span as much travel as the robot may be off: if it has not yet c
 the right loop would show itself by then.
 """
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
 from somfusion_ros.geometry import Array, between, compose, inverse, squared_mahalanobis, wrap
 from somfusion_ros.settings import tuned
-from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.loops import Estimate
 from somfusion_ros.slam.loops import TUNING as PLACES
@@ -70,17 +70,22 @@ class Loop:
 class LoopClosure:
     """Holds loops back until they are trusted."""
 
-    def __init__(self, config: SlamConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self._pending: list[Loop] = []
 
-    def trusted(self, loop: Loop, ekf: Estimate) -> list[Constraint]:
-        """Return the constraints that may enter the filter: this loop, and those it confirms."""
+    def trusted(self, loop: Loop, ekf: Estimate, hidden: Container[int] = ()
+                ) -> list[Constraint]:
+        """
+        Return the constraints that may enter the filter: this loop, and those it confirms.
+
+        hidden: views that were taken back, whose loops are not waited with any more.
+        """
         possible = _possible(loop, ekf)
         if loop.sure and possible:
             return [loop.constraint]
         self._pending = [p for p in self._pending
-                         if loop.constraint.second - p.constraint.second <= TUNING.recent]
+                         if loop.constraint.second - p.constraint.second <= TUNING.recent
+                         and p.constraint.second not in hidden]
         if not loop.unique or not (loop.sure or possible):
             return []
         partners = [p for p in self._pending if agree(p.constraint, loop.constraint, ekf)]
@@ -127,8 +132,10 @@ def _travel(first: int, last: int, poses: Array) -> float:
 
 def agree(a: Constraint, b: Constraint, ekf: Estimate) -> bool:
     """Return whether two loops and the robot's path between them close to a ring."""
-    if max(a.second, b.second) - min(a.second, b.second) < 1:
+    if a.second == b.second:
         return False
+    if a.second > b.second:
+        a, b = b, a
     poses = ekf.poses
     around = compose(compose(a.z, between(poses[a.second], poses[b.second])),
                      inverse(compose(between(poses[a.first], poses[b.first]), b.z)))

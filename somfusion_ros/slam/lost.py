@@ -65,8 +65,7 @@ class Lost:
         self._stood = stood                  # where it was, while it may still be there
         self.metres = 0.0                    # driven since
         self.moved = stood is None           # it is not where it was
-        self._odometry: Odometry | None = None
-        self._T_odom_base = np.zeros(3)
+        self._odometry: Odometry | None = None   # of the newest scan
         self._known, self._astray = known, astray
         self._relocation: Relocation | None = None
         self._mapper = Mapper(config.resolution)
@@ -78,7 +77,6 @@ class Lost:
             step = between(self._odometry.pose, odometry.pose)
             self.metres += float(np.hypot(step[0], step[1]))
         self._odometry = odometry
-        self._T_odom_base = odometry.pose
 
     @property
     def reason(self) -> str:
@@ -111,7 +109,8 @@ class Lost:
 
     def _hints(self, stood: Step) -> list[Array]:
         """Return where the newest view lies, if the robot stood still, or as the odometry says."""
-        T_odom_view = compose(self._T_odom_base, inverse(self.piece.graph.trail.poses[-1]))
+        assert self._odometry is not None    # a piece with views has seen a scan
+        T_odom_view = compose(self._odometry.pose, inverse(self.piece.graph.trail.poses[-1]))
         return [np.array(stood.pose), compose(stood.T_map_odom, T_odom_view)]
 
     def join(self, known: SingleMap, view: int, placed: Placed) -> Array:

@@ -63,7 +63,8 @@ class Match:
     Where a scan lies in a local map.
 
     T_map_scan (3,), information (3, 3) of it (singular where the surface fixes nothing), the
-    share of the scan's points that lie on the map's surface, and their mean distance [m].
+    share of the scan's points that lie on the map's surface, and the root [m] of their mean
+    squared distance from it.
     """
 
     T_map_scan: Array

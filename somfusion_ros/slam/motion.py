@@ -104,7 +104,7 @@ class OdometryBuffer:
 
     def add(self, stamp: float, pose: ArrayLike, slip: ArrayLike | None = None) -> bool:
         """Keep T_odom_base (3,) at a stamp [s]; return whether it could be used."""
-        pose = np.asarray(pose, dtype=float)
+        pose = np.array(pose, dtype=float)   # a copy: the caller may use its array again
         if pose.shape != (3,) or not np.isfinite(pose).all() or not np.isfinite(stamp):
             self._count('odometry_not_finite')
             return False
@@ -155,7 +155,7 @@ class OdometryBuffer:
         last = (None if self.latest is None else self.at(self.latest - max(self.lag, 0.0)))
         if last is None or not 0.0 <= stamp - last.stamp <= REACH:
             return None
-        step = last.twist * (stamp - last.stamp)
+        step = swept(last.twist, stamp - last.stamp)
         return Odometry(stamp, compose(last.pose, step), last.twist, last.slip)
 
     def covers(self, stamp: float, sweep: float = 0.0) -> bool:
@@ -215,7 +215,8 @@ def increment_covariance(step: Array, noise: MotionNoise, slip: Array | None = N
     Return the covariance (3, 3) of an odometry increment.
 
     It grows with travel and turn, or, where both wheels are known, by the slip (3,) that they
-    had meanwhile. A turn that is wrong shows in part across the travel.
+    had meanwhile, or (4,) where nobody measured the motion. A turn that is wrong shows in part
+    across the travel.
     """
     x, y, theta = step.tolist()
     travel, turn = hypot(x, y), float(wrap(theta))

@@ -15,7 +15,7 @@ import numpy as np
 from somfusion_ros.geometry import Array, between
 from somfusion_ros.slam.arrived import Arrived
 from somfusion_ros.slam.gyro import Gyro
-from somfusion_ros.slam.laser import Laser
+from somfusion_ros.slam.laser import Laser, MOST_LASERS
 from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 from somfusion_ros.slam.motion_guess import MotionGuess
 from somfusion_ros.slam.scan import Scan
@@ -26,7 +26,6 @@ from somfusion_ros.slam.standing_clock import StandingClock
 
 CONTINUED_DISTANCE = 1.0   # [m] odometry that moved less than this across a jump of time goes on
 CONTINUED_HEADING = 1.0    # [rad]
-MOST_LASERS = 16           # of one robot, whose habits are learned
 USUAL_PERIOD = 0.05        # [s] of odometry whose rate is not known yet
 LATE = 1.0                 # [s] a stamp that lies this little before the last one is late
 PATIENCE = 4.0             # timeouts that a scan may wait until its place in time is known

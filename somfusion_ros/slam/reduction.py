@@ -18,7 +18,7 @@ class Reduction:
     """
     The anchors among n views, and what ties them.
 
-    every: spacing of the anchors along a chain; parents (n + every,): view that each was added
+    every: spacing of the anchors along a chain; parents (n + every + 1,): view that each was added
     from; anchors (n, 2): those between which each view hangs, itself where it is one; spread
     (n, 3, 3): covariance of each view beyond its first anchor's; constraints between anchors.
     """

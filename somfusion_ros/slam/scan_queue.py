@@ -17,6 +17,7 @@ from somfusion_ros.slam.motion import Odometry, OdometryBuffer
 
 MAX_WAITING = 200       # scans, of a live stream
 OTHER_LASER = 0.3       # [s] for which a scan waits for an older one of another laser
+SILENT = 5.0            # [s] after which no scan of a laser is waited for
 
 
 class Waiting(NamedTuple):
@@ -134,7 +135,8 @@ class ScanQueue:
     def _is_early(self, stamp: float) -> bool:
         """Tell whether an older scan of another laser may still come."""
         newest = self._newest.values()
-        return len(newest) > 1 and min(newest) < stamp and max(newest) - stamp < OTHER_LASER
+        return (any(stamp - SILENT < other < stamp for other in newest)
+                and max(newest) - stamp < OTHER_LASER)
 
     def _drop(self, scan: Waiting) -> None:
         """Count a scan that no odometry covers, with what is true of it."""

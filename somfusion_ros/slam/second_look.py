@@ -56,9 +56,11 @@ class SecondLook:
             return False
         query = Query.of_views(self.poses[first:], self.clouds[first:],
                                self._drawn(range(first, n)))
+        if len(query.cloud) < RELOCATION.views_least:
+            return False
         around = np.hypot(*(self.poses[:first, :2] - here[:2]).T) < TUNING.around
         against = 1.0 - self._known(np.flatnonzero(around)).place(query, here).agreement
-        if len(query.cloud) < RELOCATION.views_least or against <= TUNING.disagrees:
+        if against <= TUNING.disagrees:
             return False
         there = self._known(np.arange(first)).find(query)
         return (there is not None and not there.refusal()

@@ -31,8 +31,8 @@ class SingleMap:
     """
     EKF SLAM over past view poses.
 
-    `follow` is the scan path: its time does not depend on how many views there are. Loops are
-    closed by `closer.work`, which may run in another thread; the lock guards the graph.
+    `follow` is the scan path: its time does not grow with the views. Loops are closed by
+    `closer.work`, which may run in another thread; the lock guards the graph.
     """
 
     grows = True   # whether what is seen becomes part of the map
@@ -59,6 +59,7 @@ class SingleMap:
         """Change the parameters."""
         with self.lock:
             self.config = self.tracker.config = self.closer.config = config
+            self._fresh = deque(self._fresh, config.loop_minimum_gap)
 
     def follow(self, stamp: float, seen: Cloud, odometry: Odometry) -> Step:
         """Follow the robot through one scan."""
@@ -206,6 +207,7 @@ class SingleMap:
                              seen_turned(P, T_map_old[2]))
             graph.ekf.update(tie)
             graph.constraints.append(tie)
+            piece.tracker.config = self.config    # which may have changed since the piece began
             self.tracker, self._blind = piece.tracker, 0
             self._at = piece._at + first
             self._around = [k + first for k in piece._around]
@@ -230,10 +232,9 @@ class SingleMap:
         if self.graph.clouds and self.grows and (
                 is_view or self._adds_to_map(pose) and not self.tracker.lost):
             self.graph.scans.add(MapScan(self._at, hung, seen.outline), pose)
-        T_map_odom = compose(pose, inverse(odometry.pose))
-        self.last = Step(stamp, Pose.from_array(pose), covariance,
-                         Pose.from_array(T_map_odom), True, track.matched, track.inlier_ratio,
-                         is_view, track.reason, max(self._at, 0))
+        T_map_odom = Pose.from_array(compose(pose, inverse(odometry.pose)))
+        self.last = Step(stamp, Pose.from_array(pose), covariance, T_map_odom, True, track.matched,
+                         track.inlier_ratio, is_view, track.reason, max(self._at, 0))
         return self.last
 
     def _adds_to_map(self, pose: Array) -> bool:
@@ -246,5 +247,4 @@ class SingleMap:
         """Compose last view and tracker: pose T_map_base (3,) and its covariance (3, 3)."""
         if not self.graph.ekf.n:
             return self.tracker.T_view_base, self.tracker.covariance
-        return self.graph.ekf.ahead(self.tracker.T_view_base, self.tracker.covariance,
-                                    self._at)
+        return self.graph.ekf.ahead(self.tracker.T_view_base, self.tracker.covariance, self._at)

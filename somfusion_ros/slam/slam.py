@@ -34,8 +34,6 @@ class Slam:
     """
     SLAM of one robot: scans with odometry in, poses and a map out.
 
-    `process` is the scan path: its time does not depend on how many views there are.
-
     Parameters
     ----------
     config : SlamConfig, optional
@@ -81,6 +79,7 @@ class Slam:
                      if start.localization and checkpoint is not None else
                      SingleMap(self.config, self.counters, checkpoint))
         self._mapper = Mapper(self.config.resolution, self.counters)
+        self._is_stale = False    # what is drawn, as views were taken back
         self._last = self._map.last
         self._lost: Lost | None = None
         if checkpoint is not None:
@@ -95,7 +94,7 @@ class Slam:
         self._map.configure(config)   # a piece of map keeps what it began with
         with self._map_lock:
             if config.resolution != self._mapper.resolution:
-                self._mapper = Mapper(config.resolution, self.counters)
+                self._mapper = Mapper(self.config.resolution, self.counters)
 
     def process(self, scan: Scan, odometry: Odometry, bodies: Bodies = NOBODY) -> Step:
         """
@@ -117,8 +116,7 @@ class Slam:
             step's reason, and changes nothing.
         """
         self.counters['scans'] += 1
-        fault = scan.fault() or odometry.fault() or self._stamp_fault(scan.stamp)
-        if fault:
+        if fault := scan.fault() or odometry.fault() or self._stamp_fault(scan.stamp):
             return self._refuse(scan, fault)
         if self._lost is None:
             expected = compose(self._last.T_map_odom, odometry.pose) if self._last else Pose()
@@ -156,15 +154,18 @@ class Slam:
     @property
     def lost(self) -> str:
         """Why a lost robot is not found yet, in words; '' where it is not lost."""
-        return self._lost.reason if self._lost else ''
+        lost = self._lost    # read once, here and below: another thread may find the robot
+        return lost.reason if lost else ''
 
     def grid(self, most: int | None = None, anew: bool = False) -> Grid:
         """Return the map at the poses held now, drawn anew if asked; most: `Mapper.render`'s."""
         if self._drawn is not None:
             return self._drawn
+        anew, self._is_stale = anew or self._is_stale, False
         scans, poses = self._map.drawn()
         with self._map_lock:
-            self._mapper = Mapper(self.config.resolution, self.counters) if anew else self._mapper
+            if anew:
+                self._mapper = Mapper(self.config.resolution, self.counters)
             return self._mapper.render(scans, self.bend.views(poses), most)
 
     def views(self) -> tuple[Array, Array]:
@@ -177,8 +178,9 @@ class Slam:
 
     def driven(self) -> tuple[Array, Array]:
         """Return stamps (m,) and poses (m, 3) of this run's scans, as far as they have a place."""
-        if self._lost is not None and not self.found:
-            return self._lost.piece.trajectory()
+        lost = self._lost
+        if lost is not None and not self.found:
+            return lost.piece.trajectory()
         stamps, poses = self._map.trajectory()
         before = self._map.graph.trail.before
         return stamps[before:], poses[before:]
@@ -200,14 +202,13 @@ class Slam:
     @property
     def odometry_lag(self) -> float:
         """Time [s] to add to a scan's stamp to find the odometry that belongs to it."""
-        return (self._lost.piece if self._lost else self._map).tracker.calibration.lag
+        lost = self._lost
+        return (lost.piece if lost else self._map).tracker.calibration.lag
 
     @property
     def pose_sigma(self) -> tuple[float, float, float]:
         """Standard deviations of the current pose [m, m, rad]."""
-        if self._last is None:
-            return 0.0, 0.0, 0.0
-        x, y, theta = np.sqrt(np.diag(self._last.covariance)).tolist()
+        x, y, theta = np.sqrt(np.diag((self._last or NO_STEP).covariance)).tolist()
         return x, y, theta
 
     def _follow(self, stamp: float, seen: Cloud, odometry: Odometry) -> Step:
@@ -216,7 +217,7 @@ class Slam:
             step = self._map.follow(stamp, seen, odometry)
             if not self._map.astray:
                 return step
-            self._mapper = Mapper(self.config.resolution, self.counters)   # anew
+            self._is_stale = True
         lost = self._lost = self._lost or self._lose()
         lost.drive(odometry)
         step = lost.piece.follow(stamp, seen, odometry)
@@ -239,9 +240,8 @@ class Slam:
 
     def _stamp_fault(self, stamp: float) -> str:
         """Name a stamp that repeats or runs backward."""
-        if stamp > self.last_stamp:
-            return ''
-        return 'scan_stamps_repeated' if stamp == self.last_stamp else 'scan_stamps_backward'
+        return '' if stamp > self.last_stamp else (
+            'scan_stamps_repeated' if stamp == self.last_stamp else 'scan_stamps_backward')
 
     def _refuse(self, scan: Scan, reason: str) -> Step:
         """Count a scan that cannot be used."""

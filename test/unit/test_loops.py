@@ -2,17 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loop closure: where it looks, what it matches, and what it refuses to believe."""
 
+from collections import Counter
 from dataclasses import replace
+from threading import Lock
+from unittest.mock import patch
 
 from helpers import fake_room, fake_scan, pose_error
 import numpy as np
 import pytest
 from somfusion_ros.geometry import between, compose
 from somfusion_ros.slam import loop_matching
+from somfusion_ros.slam.checkpoint import ViewGraph
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.loop_closer import LoopCloser
 from somfusion_ros.slam.loop_trust import agree, Loop, LoopClosure
 from somfusion_ros.slam.loop_trust import TUNING as TRUST
 from somfusion_ros.slam.loops import Candidate, candidates, TUNING
@@ -136,13 +141,13 @@ def loop_between(ekf: DelayedStateEkf, i: int, j: int, error: np.ndarray, sure: 
 
 def test_a_loop_that_fits_a_sure_filter_is_trusted_at_once():
     ekf = straight(40, 0.01)
-    assert LoopClosure(CONFIG).trusted(
+    assert LoopClosure().trusted(
         loop_between(ekf, 2, 37, np.array([0.02, 0.0, 0.0]), True), ekf)
 
 
 def test_a_loop_far_from_expectation_waits_for_partners():
     ekf, error = straight(40, 0.3), np.array([1.5, 1.0, 0.2])
-    closure = LoopClosure(CONFIG)
+    closure = LoopClosure()
     first = Constraint(2, 35, compose(error, ekf.relative(2, 35)[0]), R)
     others = [Constraint(2, k, compose(error, ekf.relative(2, k)[0]), R) for k in (36, 37)]
     assert closure.trusted(Loop(first, 1.0, False), ekf) == []
@@ -152,7 +157,7 @@ def test_a_loop_far_from_expectation_waits_for_partners():
 
 def test_loops_that_agree_must_span_as_much_travel_as_the_filter_is_unsure():
     """Views are 0.5 m apart: with a sigma of 0.6 m it takes the fifth loop."""
-    ekf, closure = straight(40, 0.3), LoopClosure(CONFIG)
+    ekf, closure = straight(40, 0.3), LoopClosure()
     error = np.array([1.5, 1.0, 0.2])
     believed = [len(closure.trusted(Loop(Constraint(
         2, k, compose(error, ekf.relative(2, k)[0]), R), 1.0, False, 0.6), ekf))
@@ -162,7 +167,7 @@ def test_loops_that_agree_must_span_as_much_travel_as_the_filter_is_unsure():
 
 def test_what_loops_suppose_is_followed_however_far_off_the_filter_is():
     """After a loop of 330 m views were sought where the filter had them, ever farther off."""
-    ekf, closure, off = straight(60, 0.3), LoopClosure(CONFIG), np.array([-6.0, 0.0, 0.0])
+    ekf, closure, off = straight(60, 0.3), LoopClosure(), np.array([-6.0, 0.0, 0.0])
     for j in (50, 51, 52):
         assert closure.supposed(j, ekf) is None
         loop = replace(loop_between(ekf, 60 - j, j, off, sure=False), sigma=5.0)
@@ -189,7 +194,7 @@ def test_a_supposed_loop_that_leads_to_no_old_view_is_not_followed():
 
 def test_an_unsure_loop_outside_the_gate_is_never_trusted():
     """The same as above, with odometry that is six times as good."""
-    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    ekf, closure = straight(40, 0.05), LoopClosure()
     error = np.array([1.5, 1.0, 0.2])
     for k in range(31, 39):
         constraint = Constraint(2, k, compose(error, ekf.relative(2, k)[0]), R)
@@ -197,14 +202,14 @@ def test_an_unsure_loop_outside_the_gate_is_never_trusted():
 
 
 def test_a_loop_that_fits_elsewhere_is_never_trusted():
-    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    ekf, closure = straight(40, 0.05), LoopClosure()
     for k in range(25, 39):
         loop = replace(loop_between(ekf, 2, k, np.zeros(3), False), unique=False)
         assert not closure.trusted(loop, ekf)
 
 
 def test_loops_that_contradict_one_another_are_never_trusted():
-    ekf, closure = straight(40, 0.05), LoopClosure(CONFIG)
+    ekf, closure = straight(40, 0.05), LoopClosure()
     rng = np.random.default_rng(2)
     for k in range(25, 39):
         error = rng.uniform(-2.0, 2.0, 3)
@@ -217,3 +222,39 @@ def test_agreement_does_not_depend_on_the_order():
     b = Constraint(4, 33, compose(compose(between(ekf.poses[4], ekf.poses[2]), a.z),
                                   between(ekf.poses[30], ekf.poses[33])), R)
     assert agree(a, b, ekf)
+
+
+def test_loops_agree_whichever_is_named_first():
+    """What the odometry drifts between them was counted one way only."""
+    ekf = straight(60, 0.05)
+    a = loop_between(ekf, 2, 30, np.zeros(3), False).constraint
+    b = loop_between(ekf, 4, 55, np.array([0.0, 0.3, 0.0]), False).constraint
+    assert agree(a, b, ekf) and agree(b, a, ekf)
+
+
+def test_a_loop_of_a_view_that_was_taken_back_confirms_no_other():
+    ekf, closure, error = straight(40, 0.3), LoopClosure(), np.array([1.5, 1.0, 0.2])
+    for k in (35, 36, 37):
+        loop = Loop(Constraint(2, k, compose(error, ekf.relative(2, k)[0]), R), 1.0, False)
+        assert closure.trusted(loop, ekf, hidden={35}) == []
+
+
+def test_a_view_that_is_taken_back_while_it_is_matched_closes_no_loop():
+    graph, lock = ViewGraph(straight(40, 0.01)), Lock()
+    closer = LoopCloser(graph, lock, CONFIG, Counter())
+    graph.hidden.add(37)
+    closer._close(loop_between(graph.ekf, 2, 37, np.zeros(3), True))
+    assert not graph.constraints
+    closer._close(loop_between(graph.ekf, 2, 38, np.zeros(3), True))
+    assert len(graph.constraints) == 1
+
+
+def test_a_view_that_is_added_meanwhile_does_not_disturb_a_loop():
+    """Which views follow one another is read under the lock, as a scan may add one."""
+    graph = ViewGraph(straight(40, 0.01), clouds_of(np.zeros((40, 3))))
+    graph.centres, graph.stamps = [np.zeros(2)] * 40, [0.0] * 40
+    graph.to_close.append(39)
+    lock = Lock()
+    with patch.object(DelayedStateEkf, 'begins', property(
+            lambda ekf: np.array([0]) if lock.locked() else 1 / 0)):
+        assert LoopCloser(graph, lock, CONFIG, Counter()).work()

@@ -161,3 +161,21 @@ def test_noise_lies_along_the_travel():
     Q = increment_covariance(np.array([0.0, 1.0, 0.0]), MotionNoise())
     assert Q[1, 1] > Q[0, 0]
     assert between((0, 0, 0), (0, 1, 0))[1] == 1.0
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.1, -0.1])
+def test_odometry_goes_on_along_its_arc(turn: float) -> None:
+    buffer = OdometryBuffer()
+    for k in range(20):
+        buffer.add(0.1 * k, arc(0.1 * k, turn * k))
+    found = buffer.extrapolated(2.4)
+    assert found is not None
+    np.testing.assert_allclose(found.pose, arc(2.4, 24.0 * turn), atol=1e-9)
+
+
+def test_an_array_that_is_used_again_changes_no_odometry() -> None:
+    buffer, pose = OdometryBuffer(), np.zeros(3)
+    for t in range(3):
+        pose[0] = t
+        buffer.add(float(t), pose)
+    assert buffer.at(0.5).pose[0] == pytest.approx(0.5)

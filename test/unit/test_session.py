@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Pose
+from somfusion_ros.slam.gyro import Gyro
 from somfusion_ros.slam.motion import OdometryBuffer
 from somfusion_ros.slam.scan_queue import MAX_WAITING, ScanQueue
 from somfusion_ros.slam.stamps import StampStream, TUNING
@@ -219,3 +220,21 @@ def test_bad_scans_between_good_ones_are_counted() -> None:
     drive.feed(10, 40)
     assert sum(drive.counts.values()) >= 5
     assert drive.error() < 0.1
+
+
+def test_a_laser_that_fell_silent_is_not_waited_for() -> None:
+    """Every scan of the other one waited for 0.3 s, for good."""
+    queue, buffer, _ = queue_with([0.0, 100.0])
+    queue.add(1.0, 'back', now=1.0, laser='back')
+    queue.add(1.1, 'front', now=1.1, laser='front')
+    assert [item for item, _ in queue.ready(1.1)] == ['back'], 'another may come'
+    queue.add(20.0, 'later', now=20.0, laser='front')
+    assert [item for item, _ in queue.ready(20.0)] == ['front', 'later']
+
+
+def test_a_gyroscope_learns_by_its_own_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive, ahead = Drive(), []
+    drive.session.slam._map.tracker.calibration.turning[0] = 0.3
+    monkeypatch.setattr(Gyro, 'learn', lambda gyro, step, at: ahead.append(at - step.stamp))
+    drive.feed(0, 5)
+    assert ahead[:2] == pytest.approx([0.3, 0.3])

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole of one robot's SLAM on simulated drives with truth."""
 
+from collections import Counter
 from dataclasses import replace
 from threading import Thread
 
@@ -10,7 +11,10 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import between, compose
 from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.lost import Lost
 from somfusion_ros.slam.motion import OdometryBuffer
+from somfusion_ros.slam.scan import cloud
+from somfusion_ros.slam.single_map import SingleMap
 from somfusion_ros.slam.slam import Slam
 
 ROOM = fake_room(10.0, 7.0)
@@ -252,3 +256,35 @@ def test_the_covariance_covers_the_error():
         nees.append(e @ np.linalg.solve(last.covariance, e))
     assert np.mean(nees) < 8.0, 'mean NEES of 3 degrees of freedom, 6 runs'
     assert pose_error(np.array(last.pose), truth[-1])[0] < 0.1
+
+
+class FoundMeanwhile(Slam):
+    """A lost robot that another thread finds as soon as one has looked whether it is lost."""
+
+    @property
+    def _lost(self) -> Lost | None:
+        self._left -= 1
+        return Lost(self.config, self.counters, lambda: None) if self._left >= 0 else None
+
+    @_lost.setter
+    def _lost(self, lost: Lost | None) -> None:
+        self._left = 1
+
+
+@pytest.mark.parametrize('ask', [lambda slam: slam.lost, lambda slam: slam.odometry_lag,
+                                 lambda slam: slam.driven()])
+def test_a_robot_may_be_found_by_another_thread_at_any_moment(ask) -> None:
+    ask(FoundMeanwhile())
+
+
+def test_a_piece_of_map_that_is_joined_goes_on_with_the_newest_parameters():
+    scans, buffer, _ = drive()
+    maps = [SingleMap(SlamConfig(), Counter()) for _ in range(2)]
+    for scan in scans[:30]:
+        for single in maps:
+            single.follow(scan.stamp, cloud(scan, 30.0), buffer.at(scan.stamp))
+    config = SlamConfig(minimum_inlier_ratio=0.5, loop_minimum_gap=30)
+    maps[0].configure(config)
+    maps[0].absorb(maps[1], 0, np.zeros(3), np.eye(3))
+    assert maps[0].tracker.config is config
+    assert maps[0]._fresh.maxlen == 30
