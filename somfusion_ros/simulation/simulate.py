@@ -166,9 +166,18 @@ def truth_record(starts: dict[str, Pose], options: SimulationOptions) -> dict[st
 
 def _clear(folder: Path, names: list[str]) -> None:
     """Make room for new bags; only what an earlier simulation wrote is removed."""
-    for name in names:
+    more = [f'robot{number}' for number in range(len(names) + 1, _robots_in(folder) + 1)]
+    for name in (*names, *more):
         if not (folder / name).exists():
             continue
         if not (folder / TRUTH).exists():
             raise InputError(f'{folder / name}: exists and is not from an earlier simulation')
         shutil.rmtree(folder / name)
+
+
+def _robots_in(folder: Path) -> int:
+    """Return how many robots an earlier simulation had; 0 where its truth cannot be read."""
+    try:
+        return len(json.loads((folder / TRUTH).read_text())['transforms'])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0

@@ -101,7 +101,7 @@ def _take(read: _Read, kind: str, a: dict[str, Array]) -> None:
     elif kind == 'drop':
         for number in a['numbers'].tolist():
             read.scans.pop(number, None)
-    elif kind == 'void':
+    elif kind == 'void':    # of earlier versions, which kept nothing of such views
         for k in a['views'].tolist():
             read.views[k] = read.views.get(k, (np.nan, NOTHING))[0], NOTHING
     elif kind == 'path':

@@ -21,7 +21,7 @@ class Outline:
     ends (B, 2) [m] of the beams, reach (B,) [m] up to which they saw (0 where they tell nothing),
     the mask hit (B,) of those that returned, and the laser's origin (2,) [m]. Thousands are kept,
     so they are whole numbers of a step that is a power of two: 0.5 mm where all lies within 16 m,
-    1 mm within 32 m. What is drawn of them is worked out whenever it is drawn.
+    1 mm within 32 m, 4 mm within 128 m. What is drawn of them is worked out whenever it is drawn.
     """
 
     __slots__ = ('_beams', '_step', '_origin', '__weakref__')

@@ -183,3 +183,11 @@ def test_nothing_foreign_is_overwritten(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='not from an earlier simulation'):
         simulate(tmp_path, SHORT)
     assert (tmp_path / 'robot1' / 'thesis.txt').exists()
+
+
+def test_no_robot_of_an_earlier_simulation_is_left(tmp_path: Path) -> None:
+    (tmp_path / 'robot2').mkdir()
+    (tmp_path / 'robot3').mkdir()
+    (tmp_path / 'truth.json').write_text('{"transforms": {"robot1": {}, "robot2": {}}}')
+    simulate(tmp_path, SimulationOptions(robots=1, duration=2.0))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['robot1', 'robot3', 'truth.json']
