@@ -61,7 +61,7 @@ def lookout(target: LearnedMap, source: LearnedMap, first: Array, second: Array)
     if worth.ravel()[best] * step ** 2 < LOOKOUT.least:
         return None
     spot = points[:, best]
-    near = differs & (np.hypot(*(points - spot[:, None])) < LOOKOUT.sight)
+    near = differs & (np.hypot(*(points - spot[:, None])) < (_reach(step) + 1e-3) * step)
     ahead = points[:, near].mean(1) - spot
     return Pose(float(spot[0]), float(spot[1]), float(np.arctan2(ahead[1], ahead[0])))
 
@@ -76,8 +76,13 @@ def _lattice(target: LearnedMap) -> tuple[NDArray[np.float32], tuple[int, int], 
 
 def _within_sight(differs: NDArray[np.bool_], step: float) -> Array:
     """Count the places that differ within sight of each place."""
-    reach = max(1, round(LOOKOUT.sight / step))
+    reach = _reach(step)
     row, column = np.indices((2 * reach + 1, 2 * reach + 1)) - reach
     disc = (np.hypot(row, column) <= reach).astype(np.float32)
     return cv2.filter2D(differs.astype(np.float32), cv2.CV_32F, disc,
                         borderType=cv2.BORDER_CONSTANT)
+
+
+def _reach(step: float) -> int:
+    """Return how many steps [m] a robot sees."""
+    return max(1, round(LOOKOUT.sight / step))

@@ -195,7 +195,10 @@ class PairHistory:
         if self._rivals and not same_pose(_pose_of(self._rivals[-1]), _pose_of(rival), source):
             self._rivals = []
         self._rivals.append(rival)
-        return self._hold(rival, 'replaced') if len(self._rivals) >= CONFIRMATIONS else 'kept'
+        if len(self._rivals) < CONFIRMATIONS:
+            return 'kept'
+        self._on_the_way = False
+        return self._hold(rival, 'replaced')
 
 
 def _pose_of(alignment: Alignment) -> Pose:

@@ -4,8 +4,8 @@
 The bonds that robots tell, and which of them count.
 
 Of every pair the robot whose name sorts first tells the bond. The other one has asked its own
-views, too: a bond of a pair that it does not accept, or that it calls false as these have the maps
-elsewhere, counts for nobody.
+views, too: a bond that it calls false, as these have the maps elsewhere, counts for nobody; nor
+does one of a pair that either of the two does not accept.
 """
 
 from collections.abc import Collection, Mapping
@@ -82,16 +82,16 @@ class ToldBonds:
             self._forget(gone)
         self._known, found = frozenset(epochs), {}
         for peer in self._bonds.keys() & T_own_peer.keys() & views.keys():
-            told = next((one for one in self._bonds[peer] if one.source == self._name), None)
+            theirs = next((one for one in self._bonds[peer] if one.source == self._name), None)
             now = (epochs[peer], epochs[self._name])
-            if told is None or told.epochs != now or not _known(told.matches, views):
+            if theirs is None or theirs.epochs != now or not _known(theirs.matches, views):
                 continue
             mine = self._asked.get(peer)
             mine = mine if mine and mine.epochs == now and _known(mine.matches, views) else None
-            key = told, mine, None if mine else T_own_peer[peer]
+            key = theirs, mine, None if mine else T_own_peer[peer]
             asked = self._apart.get(peer)
             if asked is None or asked[0] != key:
-                asked = self._apart[peer] = key, _between(mine, told, views, T_own_peer[peer])
+                asked = self._apart[peer] = key, _between(mine, theirs, views, T_own_peer[peer])
             if asked[1] > (mismatched if mine else misplaced):
                 found[peer] = asked[1]
         self.refuted = {robot: peers for robot, peers in self.refuted.items() if robot in epochs}
@@ -109,7 +109,8 @@ class ToldBonds:
         return [bond for bonds in self._bonds.values() for bond in bonds
                 if {bond.target, bond.source} <= views.keys()
                 and bond.epochs == (epochs[bond.target], epochs[bond.source])
-                and (accepted is None or (bond.source, bond.target) in accepted)
+                and (accepted is None or {(bond.source, bond.target),
+                                          (bond.target, bond.source)} <= {*accepted})
                 and bond.target not in self.refuted.get(bond.source, ())
                 and _known(bond.matches, views) and astray(views, world, bond) < farthest]
 

@@ -121,6 +121,13 @@ def test_a_refusal_on_the_way_to_another_pose_is_no_reason_to_ask_again() -> Non
     assert not pair.due(ROOM, ROOM, 2.0 * TUNING.soon, 0.1)
 
 
+def test_a_pose_that_is_replaced_on_the_way_to_another_is_not_on_the_way() -> None:
+    pair, elsewhere = PairHistory(), Pose(-8.0, 3.0, 2.0)
+    told(pair, verdict(THERE), verdict(Pose(3.3, 1.2, 0.5)))
+    assert told(pair, *[verdict(elsewhere, 0.99)] * 2) == ['kept', 'replaced']
+    assert pair.settled
+
+
 def test_another_pose_must_be_clearly_better_twice_in_a_row() -> None:
     pair = PairHistory()
     better, worse = verdict(ELSEWHERE, 0.97), verdict(ELSEWHERE, 0.96, rival=0.95)

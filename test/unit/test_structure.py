@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls against furniture, open space, mirror images, and where to look when two poses fit."""
 
+from types import SimpleNamespace
+
 from helpers import fake_grid, fake_room
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,10 +14,10 @@ from somfusion_ros.fusion.alignment import Alignment
 from somfusion_ros.fusion.deformation import bend
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.fusion.learning import learn
-from somfusion_ros.fusion.lookout import lookout
+from somfusion_ros.fusion.lookout import LOOKOUT, lookout
 from somfusion_ros.fusion.measures import measure
 from somfusion_ros.fusion.mirror import mirror
-from somfusion_ros.geometry import Pose
+from somfusion_ros.geometry import Array, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.team.snapshot import Snapshot
 
@@ -107,6 +109,22 @@ def test_a_lookout_faces_what_tells_two_poses_apart() -> None:
     assert place is not None and 3.0 < place.x < 7.0 and 0.0 < place.y < 8.0
     assert np.cos(place.theta) > 0.5
     assert lookout(target, source, np.zeros(3), np.zeros(3)) is None
+
+
+def test_a_lookout_of_a_large_map_looks_as_far_as_it_counted() -> None:
+    """Its steps are longer, and as many as are nearest to the sight go farther than that."""
+    step = np.sqrt(130.0 ** 2 / LOOKOUT.places)
+    spot = np.full((2, 1), 220.0 * step)      # the only free place
+
+    def differing(points: Array) -> Array:
+        away = np.hypot(*(points - spot))
+        return np.where((away > LOOKOUT.sight) & (away < 15.0 * step), np.uint8(2), np.uint8(0))
+    target = SimpleNamespace(cells=np.array([[4.0, 4.0], [126.0, 126.0]]), zones=SimpleNamespace(
+        at=lambda points: np.where(np.hypot(*(points - spot)) < 0.1, np.uint8(2), np.uint8(0))))
+    source = SimpleNamespace(zones=SimpleNamespace(at=lambda points: np.where(
+        points[0] > 500.0, np.uint8(4), differing(points))))
+    place = lookout(target, source, np.zeros(3), np.array([-1000.0, 0.0, 0.0]))
+    assert place is not None and np.isfinite(place).all()
 
 
 def test_every_robot_is_told_the_places_in_its_own_map() -> None:
