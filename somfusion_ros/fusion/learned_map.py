@@ -28,8 +28,8 @@ class LearnedMap:
     """
     One learned map.
 
-    cells (N, 2) occupied cells' centres [m] with segment (N,) and winner (N,) each; clusters, all
-    neurons; surfaces between them; features: the clusters that have a normal; sketch: the few
+    cells (N, 2) occupied cells' centres [m] with segment (N,) each; clusters, all neurons;
+    surfaces between them; features: the clusters that have a normal; sketch: the few
     hundred best of them; structure (K,) 0..1, how much each feature is part of a long straight
     wall; zones: whether a place is wall, near one, known to be free (rasters.zones); clearance:
     how far the nearest place is that is not known to be free (rasters.clearance); nearest: index
@@ -41,7 +41,6 @@ class LearnedMap:
 
     cells: Array
     segments: Index
-    winners: Index
     clusters: Clusters
     surfaces: Surfaces
     features: Clusters

@@ -75,8 +75,8 @@ def recall(clusters: Clusters, resolution: float) -> LearnedMap:
     surfaces = Surfaces(normals=features.normals, lengths=features.weights, sided=features.sided)
     dark = Raster(np.zeros((1, 1), np.uint8), 1.0, Pose(), 0)
     return LearnedMap(
-        cells=clusters.centres, segments=clusters.segments, winners=np.arange(len(clusters)),
-        clusters=clusters, surfaces=surfaces, features=features, sketch=sketch,
+        cells=clusters.centres, segments=clusters.segments, clusters=clusters,
+        surfaces=surfaces, features=features, sketch=sketch,
         structure=np.zeros(len(features)), zones=dark, clearance=dark,
         nearest=_nearest(features), likelihood=dark, probes=np.empty((0, 2)), probe_length=0.0,
         free=np.empty((0, 2)), free_share=0.0, histogram=histogram(surfaces),
@@ -94,13 +94,13 @@ def _learn(grid: Grid, config: FusionConfig, cache: FusionCache) -> LearnedMap:
     clusters, surfaces = _clusters(grid, chains, config.cluster_spacing)
     features, sketch = _features(clusters)
     if len(features) == 0:
-        return _empty(grid, points, segments, chains[3], clusters)
+        return _empty(grid, points, segments, clusters)
     zones, nearest = rasters.zones(grid, cells, LEARNING.cell), _nearest(features)
     free = rasters.free_places(zones, LEARNING.free_places)
     area = np.count_nonzero(zones.values & rasters.FREE) * zones.resolution ** 2
     every = -(-len(points) // LEARNING.probes)
     return LearnedMap(
-        cells=points, segments=segments, winners=chains[3], clusters=clusters, surfaces=surfaces,
+        cells=points, segments=segments, clusters=clusters, surfaces=surfaces,
         features=features, sketch=sketch,
         structure=structure(features, nearest, config.cluster_spacing), zones=zones,
         clearance=rasters.clearance(zones), nearest=nearest,
@@ -180,13 +180,13 @@ def spectrum(features: Clusters) -> Array:
 
 
 def _empty(grid: Grid, points: Array | None = None, segments: Index | None = None,
-           winner: Index | None = None, clusters: Clusters | None = None) -> LearnedMap:
+           clusters: Clusters | None = None) -> LearnedMap:
     """Return a map without features."""
     none, index = np.empty((0, 2)), np.empty(0, np.intp)
     dark = Raster(np.zeros((1, 1), np.uint8), 1.0, Pose(), 0)
     return LearnedMap(
         cells=none if points is None else points, segments=index if segments is None else segments,
-        winners=index if winner is None else winner, clusters=clusters or Clusters.none(),
+        clusters=clusters or Clusters.none(),
         surfaces=Surfaces(normals=none, lengths=np.empty(0), sided=np.empty(0)),
         features=Clusters.none(), sketch=Clusters.none(), structure=np.empty(0), zones=dark,
         clearance=dark, nearest=dark, likelihood=dark, probes=none, probe_length=0.0, free=none,

@@ -5,7 +5,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from somfusion_ros.fusion import orientation
 from somfusion_ros.fusion.learned_map import LearnedMap
 from somfusion_ros.geometry import Array
@@ -16,18 +15,14 @@ class MapTrace:
     """
     What was learned of one map, for figures.
 
-    segments: one array (N, 2) of wall cells [m] per segment; labels (M,) segment of each of the
-    cells (M, 2) [m]; clusters (K, 2) [m] with normals (K, 2), cluster_segments (K,) and weights
-    (K,) [m]; histogram (360,) of normals; radon image (D, offsets) over radon_directions (D,)
-    [rad] and the sharpness (D,) whose peaks tune the orientation.
+    segments: one array (N, 2) of wall cells [m] per segment; clusters (K, 2) [m] with normals
+    (K, 2) and weights (K,) [m]; histogram (360,) of normals; radon image (D, offsets) over
+    radon_directions (D,) [rad] and the sharpness (D,) whose peaks tune the orientation.
     """
 
     segments: list[Array]
-    cells: Array
-    labels: NDArray[np.intp]
     clusters: Array
     normals: Array
-    cluster_segments: NDArray[np.intp]
     weights: Array
     histogram: Array
     radon: Array
@@ -44,8 +39,7 @@ def map_trace(one: LearnedMap) -> MapTrace:
     if len(one.features):
         image = orientation.radon(one.features.centres, one.features.weights, directions, 0.1)
     return MapTrace(
-        segments=np.split(one.cells[order], starts), cells=one.cells, labels=one.segments,
-        clusters=one.clusters.centres, normals=one.clusters.normals,
-        cluster_segments=one.clusters.segments, weights=one.clusters.weights,
-        histogram=one.histogram, radon=image, radon_directions=directions,
+        segments=np.split(one.cells[order], starts), clusters=one.clusters.centres,
+        normals=one.clusters.normals, weights=one.clusters.weights, histogram=one.histogram,
+        radon=image, radon_directions=directions,
         radon_sharpness=orientation.spectrum(image))

@@ -48,7 +48,7 @@ def point_normals(normals: Array, lengths: Array, edges: Index, count: int) -> t
     """
     Average the surface normals around each cluster.
 
-    Norms of opposite sign are the same surface, so the average is taken on doubled angles.
+    Normals of opposite sign are the same surface, so the average is taken on doubled angles.
 
     Returns
     -------

@@ -40,7 +40,7 @@ def histogram(normals: Array, weights: Array, sided: Array, sigma: float = 2.0) 
     """
     Count normals by direction in 360 bins of one degree, weighted and smoothed on the circle.
 
-    A normal whose sign is unsure counts for its opposite too. Norms (N, 2); weights (N,); sided
+    A normal whose sign is unsure counts for its opposite too. normals (N, 2); weights (N,); sided
     (N,) 0..1; sigma of the smoothing [deg].
     """
     degrees = np.degrees(np.arctan2(normals[:, 1], normals[:, 0]))
@@ -135,7 +135,7 @@ def directions() -> Array:
 
 
 def families(angles: Array, apart: float = np.radians(3.0)) -> Array:
-    """Return angles modulo a quarter turn [rad], best first, each as four hypotheses."""
+    """Return distinct angles (M,) modulo a quarter turn [rad], best first: four turns each."""
     quarter, kept = np.pi / 2.0, list[float]()
     for angle in angles % quarter:
         off = [abs((angle - other + quarter / 2.0) % quarter - quarter / 2.0) for other in kept]
