@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from somfusion_ros.geometry import apply, Array, inverse
 from somfusion_ros.settings import tuned
+from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.scan import Cloud
 
@@ -55,12 +56,13 @@ def judge(T_map_scan: Array, cloud: Cloud, target: LocalMap) -> tuple[int, int]:
 
 def judge_back(T_map_scan: Array, cloud: Cloud, points: Array) -> tuple[int, int]:
     """Count points (N, 2) of a surface that a scan at a pose (3,) shows, and looks through."""
-    hits = cloud.outline.hits
-    if not len(hits):
-        return 0, 0
-    seen = LocalMap(hits, np.zeros_like(hits), (cloud.outline.rim,))
-    at = apply(inverse(T_map_scan), points)
-    return _count(at[~_looked_along(at, cloud.outline.origin)], seen)
+    on, through = _looked_at(T_map_scan, cloud.outline, points)
+    return int(on.sum()), int(through.sum())
+
+
+def seen_gone(T_map_scan: Array, outline: Outline, points: Array) -> NDArray[np.bool_]:
+    """Return which points (N, 2) of a surface a scan at a pose (3,) looks through."""
+    return _looked_at(T_map_scan, outline, points)[1]
 
 
 def lasting(surfaces: Sequence[Array]) -> Array:
@@ -87,6 +89,18 @@ def looks_through(T_map_scan: Array, cloud: Cloud, target: LocalMap) -> bool | N
     return _denies(*judge_back(T_map_scan, cloud, lasting([target.points])))
 
 
+def _looked_at(T_map_scan: Array, outline: Outline, points: Array
+               ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which points (N, 2) a scan at a pose (3,) shows, and which it looks through."""
+    hits = outline.hits
+    if not len(hits):
+        return np.zeros(len(points), bool), np.zeros(len(points), bool)
+    at = apply(inverse(T_map_scan), points)
+    tells = ~_looked_along(at, outline.origin)
+    on, through = _parts(at, LocalMap(hits, np.zeros_like(hits), (outline.rim,)))
+    return on & tells, through & tells
+
+
 def _looked_along(points: Array, origin: Array) -> NDArray[np.bool_]:
     """
     Return which points (N, 2) lie on a straight surface that is seen edge on from an origin (2,).
@@ -106,10 +120,15 @@ def _looked_along(points: Array, origin: Array) -> NDArray[np.bool_]:
 
 
 def _count(points: Array, target: LocalMap) -> tuple[int, int]:
+    on, against = _parts(points, target)
+    return int(on.sum()), int(against.sum())
+
+
+def _parts(points: Array, target: LocalMap) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which points (N, 2) lie on a surface, and which in free space off it."""
     distance, _ = target.tree.query(points, distance_upper_bound=TUNING.conflict)
-    far = ~np.isfinite(distance)
-    return (int((distance < TUNING.on_surface).sum()),
-            int((far & target.seen_through(points)).sum()))
+    return (distance < TUNING.on_surface,
+            ~np.isfinite(distance) & target.seen_through(points))
 
 
 def _denies(on: int, against: int) -> bool | None:

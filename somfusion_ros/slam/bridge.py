@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from somfusion_ros.geometry import apply, Array, between
+from somfusion_ros.geometry import apply, Array, between, compose
 from somfusion_ros.settings import tuned
-from somfusion_ros.slam.agreement import judge_back, lasting
+from somfusion_ros.slam.agreement import judge_back, lasting, seen_gone
 from somfusion_ros.slam.agreement import TUNING as AGREEMENT
 from somfusion_ros.slam.contradiction import sure
 from somfusion_ros.slam.ekf import DelayedStateEkf
 from somfusion_ros.slam.local_map import LocalMap
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.matching import register
 from somfusion_ros.slam.scan import Cloud
 
@@ -51,10 +52,16 @@ TUNING = BridgeTuning()
 
 @dataclass(eq=False)
 class Bridge:
-    """The first view that little holds; before: the views that it was matched against."""
+    """
+    The first view that little holds; before: the views that it was matched against.
+
+    fitted: scans that fitted these well before it. What they look through was moved away since
+    the views saw it, and does not speak against what comes later.
+    """
 
     first: int
     before: Sequence[int]
+    fitted: Sequence[MapScan] = ()
     _judged: list[tuple[int, int]] = field(default_factory=list, init=False)
 
     def denied(self, new: int, ekf: DelayedStateEkf, clouds: Sequence[Cloud]) -> bool | None:
@@ -69,6 +76,9 @@ class Bridge:
         if not sure(at, new, ekf):
             pose = register(clouds[new], LocalMap.of_views(shown, placed), pose).T_map_scan
         wall = lasting([apply(p, cloud.points) for p, cloud in zip(placed, shown, strict=True)])
+        for scan in self.fitted:
+            at_scan = between(poses[at], compose(poses[scan.view], scan.T_view_base))
+            wall = wall[~seen_gone(at_scan, scan.outline, wall)]
         self._judge(pose, clouds[new], wall)
         if len(self._judged) < TUNING.views:
             return None

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 from somfusion_ros.slam import contradiction
 from somfusion_ros.slam.bridge import Bridge
 from somfusion_ros.slam.checkpoint import ViewGraph
+from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.relocation_tuning import TUNING as RELOCATION
 from somfusion_ros.slam.view_tuning import TUNING
 
 BRIDGES = 4    # that are judged at a time
+FITTED = 8     # newest scans before a bridge, that show what was moved away since its map
 
 
 class Doubts:
@@ -29,16 +31,25 @@ class Doubts:
         self._bridges: list[Bridge] = []    # by age
         self._held: list[Bridge] = []       # those that were not denied
         self._weak = False    # whether a scan since the last view hardly fitted
+        self._held_on = True  # whether none did since the last view, old or new
+        self._fitted: deque[MapScan] = deque(maxlen=FITTED)
 
-    def follow(self, fits: bool) -> None:
-        """Note whether a scan fits well."""
+    def follow(self, fits: bool, scan: MapScan | None = None) -> None:
+        """Note whether a scan fits well, and where it hangs then."""
         self._weak |= not fits
+        self._held_on &= fits
+        if self._held_on and scan is not None:
+            self._fitted.append(scan)
+
+    def go_on(self) -> None:
+        """Note that an old view explains what is seen."""
+        self._held_on = True
 
     def add(self, new: int, around: Sequence[int]) -> None:
         """Note a new view, and the views that the scans before it were matched against."""
         if self._weak and len(self._bridges) < BRIDGES and new >= TUNING.known:
-            self._bridges.append(Bridge(new, around))
-        self._weak = False
+            self._bridges.append(Bridge(new, around, tuple(self._fitted)))
+        self._weak, self._held_on = False, True
 
     def judge(self, new: int, last: int) -> None:
         """Count whether a view denies what others, up to the last, saw."""
@@ -98,6 +109,7 @@ class Doubts:
         self._graph.to_close.clear()
         self._bridges.clear()
         self._held.clear()
+        self._fitted.clear()
         self._confirm()
         return True
 

@@ -35,6 +35,7 @@ class LoopCloser:
                 return False
             new = self.graph.to_close.popleft()
             graph = self.graph
+            self.closure.forget(graph.hidden)
             targets = loops.candidates(new, graph.ekf, np.array(graph.centres), self.config,
                                        self.closure.supposed(new, graph.ekf))
             poses, chains = graph.ekf.poses.copy(), graph.chains

@@ -97,6 +97,11 @@ class LoopClosure:
         self._pending = [p for p in self._pending if p not in together]
         return [p.constraint for p in together]
 
+    def forget(self, views: Container[int]) -> None:
+        """Drop the loops that wait and join one of some views, which show nothing any more."""
+        self._pending = [p for p in self._pending if p.constraint.first not in views
+                         and p.constraint.second not in views]
+
     def supposed(self, new: int, ekf: Estimate) -> Constraint | None:
         """
         Return the newest loop with which enough others agree to be believed later on.

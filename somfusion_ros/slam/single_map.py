@@ -66,8 +66,8 @@ class SingleMap:
         with self.lock:
             track = self.tracker.step(seen, odometry)
             self._blind = 0 if track.matched or not self.graph.clouds else self._blind + 1
-            self.closer.doubts.follow(track.matched and track.expected and
-                                      track.inlier_ratio >= self.config.doubtful_inlier_ratio)
+            self.closer.doubts.follow(track.fits(self.config.doubtful_inlier_ratio), MapScan(
+                self._at, self.tracker.T_view_base, seen.outline))
             is_due = self._is_due(track, seen)
             self.astray = self._is_astray(is_due)
             goes_on = is_due and not self.astray and self._goes_on(track, seen)
@@ -153,12 +153,12 @@ class SingleMap:
         pose = self.pose()[0]
         place = places.known(pose, ekf.poses, usable, self.graph.scans.often(pose), self.config)
         for k, view in enumerate(place.views):
-            found = places.explain(
-                places.Expected(view, *self._seen_from(view)), seen,
-                lambda k: self.graph.local_map(k, self._members(k)),
-                track.inlier_ratio - place.loss, self.config)
+            found = places.explain(places.Expected(view, *self._seen_from(view)), seen,
+                                   lambda k: self.graph.local_map(k, self._members(k)),
+                                   track.inlier_ratio - place.loss, self.config)
             if found is not None and found.whole:
                 self._go_on(view, found.local_map, found.T_view_base, found.P)
+                self.closer.doubts.go_on()
                 self.counters['places_known'] += 1
                 return True
             if found is not None and k < place.here and self.grows:

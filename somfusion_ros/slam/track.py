@@ -24,3 +24,7 @@ class Track:
     inlier_ratio: float
     expected: bool
     reason: str
+
+    def fits(self, least: float) -> bool:
+        """Return whether a match near the prediction explains at least a share of the scan."""
+        return self.matched and self.expected and self.inlier_ratio >= least

@@ -258,3 +258,20 @@ def test_a_view_that_is_added_meanwhile_does_not_disturb_a_loop():
     with patch.object(DelayedStateEkf, 'begins', property(
             lambda ekf: np.array([0]) if lock.locked() else 1 / 0)):
         assert LoopCloser(graph, lock, CONFIG, Counter()).work()
+
+
+@pytest.mark.parametrize('hidden', [None, 33, 5])
+def test_loops_that_wait_go_with_the_views_that_are_taken_back(hidden: int | None) -> None:
+    """What is supposed, and what confirms others, must not come from where the robot was not."""
+    ekf, closure = straight(40, 0.3), LoopClosure()
+
+    def loop(first: int, second: int) -> Loop:
+        z, P = ekf.relative(first, second)
+        return Loop(Constraint(first, second, z, R), 1.0, False, 0.1)
+
+    for first, second in ((5, 33), (4, 34), (3, 35)):
+        closure._pending.append(loop(first, second))
+    assert closure.supposed(36, ekf) is not None
+    closure.forget(set() if hidden is None else {hidden})
+    assert (closure.supposed(36, ekf) is None) is (hidden is not None)
+    assert len(closure._pending) == (3 if hidden is None else 2)
