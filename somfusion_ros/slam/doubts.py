@@ -107,11 +107,15 @@ class Doubts:
         self._graph.hide(range(first, n))
         self._graph.scans.drop(first)
         self._graph.to_close.clear()
+        self.clear()
+        return True
+
+    def clear(self) -> None:
+        """Doubt nothing any more, and judge no bridge: the views since show nothing."""
         self._bridges.clear()
         self._held.clear()
         self._fitted.clear()
         self._confirm()
-        return True
 
     def deny(self, bridge: Bridge) -> None:
         """Doubt all views from a bridge on, unless it was taken back meanwhile."""

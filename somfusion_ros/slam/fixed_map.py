@@ -136,6 +136,7 @@ class FixedMap(SingleMap):
         """Let the views of its own show nothing any more."""
         self.graph.hide(range(len(self._map.poses), self.graph.ekf.n))
         self.graph.to_close.clear()
+        self.closer.doubts.clear()
 
 
 def rigid(checkpoint: Checkpoint) -> Checkpoint:

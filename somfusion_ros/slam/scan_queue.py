@@ -68,6 +68,8 @@ class ScanQueue:
         while place and self._waiting[place - 1].stamp > stamp:
             place -= 1
         self._waiting.insert(place, Waiting(stamp, sweep, now, item, laser))
+        self._newest = {other: newest for other, newest in self._newest.items()
+                        if abs(newest - stamp) < SILENT}
         self._newest[laser] = stamp
         if len(self._waiting) > self._capacity:
             first = self._waiting.popleft()

@@ -201,3 +201,17 @@ def test_few_points_neither_deny_nor_agree() -> None:
     assert denies(np.zeros(3), seen, around) is False
     assert denies(CARRIED, seen, around) is True
     assert denies(np.array([50.0, 0.0, 0.0]), seen, around) is None
+
+
+def test_where_all_is_taken_back_by_hand_no_bridge_is_judged_any_more() -> None:
+    """So a map that is only tracked in forgets the views of the robot's own."""
+    graph = drive(CARRIED)
+    doubts = Doubts(graph, Counter[str]())
+    doubts.follow(False)
+    doubts.add(KNOWN, range(KNOWN))
+    assert doubts.about(0)
+    doubts.clear()
+    assert not doubts.about(0)
+    for new in range(KNOWN, graph.ekf.n):
+        doubts.judge(new, new - 2 * KNOWN)
+    assert not doubts.take_back() and doubts.take_held() is None

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and odometry on their way to the SLAM: waiting, and stray stamps."""
 
+import tracemalloc
+
 from drives import Counts, Drive
 from helpers import fake_room, fake_scan
 from hypothesis import given
@@ -45,6 +47,19 @@ def test_scans_that_wait_too_long_are_dropped_and_counted() -> None:
     assert not list(queue.ready(16.01))
     assert counts['scans_without_odometry'] == 1
     assert len(queue) == 0
+
+
+def test_names_of_lasers_that_come_and_go_take_no_room() -> None:
+    """A publisher may name another frame with each scan."""
+    queue, buffer, counts = queue_with([0.0, 2000.0])
+    tracemalloc.start()
+    try:
+        for k in range(2000):
+            queue.add(float(k), k, now=float(k), laser=f'laser_{"x" * 1000}{k}')
+            list(queue.ready(k + 5.0))
+        assert tracemalloc.get_traced_memory()[0] < 500e3, 'kilobytes, not 2 MB of names'
+    finally:
+        tracemalloc.stop()
 
 
 def test_scans_of_the_time_of_odometry_that_was_lost_go_between_what_came() -> None:
