@@ -110,7 +110,7 @@ def cases() -> dict[str, Case]:
     tum = written('t.tum', lambda folder: write_tum(folder / 't.tum', range(5), np.ones((5, 3))))
     evidence = written(EVIDENCE, lambda folder: write_robot_map(folder, ROOM))
     pgm, yaml = ((FOLDER / f'map.{kind}').read_bytes() for kind in ('pgm', 'yaml'))
-    text = json.dumps({'robots': {'a': {'scans': 5}}, 'pairs': []}).encode()
+    text = json.dumps({'robots': {'a': {'scans': 5}}, 'pairs': [], 'transforms': {}}).encode()
     parameters = b'/**:\n  ros__parameters:\n    estimation_rate: 0.5\n'
     journal = b''.join(packed(kind, {'x': np.arange(9.0)}) for kind in ('abc', 'def'))
 
