@@ -110,8 +110,9 @@ def test_who_is_there_is_not_put_out_by_new_names() -> None:
 def test_views_of_a_robot_that_is_gone_are_waited_for_though_its_map_has_come() -> None:
     """They are larger than the map, and are told once."""
     node, kept = FakeNode(), []
-    link = DepartedLink(node, '', SimpleNamespace(inbox=SimpleNamespace(heard={}), on_lent_map=print),
-                        SimpleNamespace(), SimpleNamespace(keep_kept=lambda *of: kept.append(of)))
+    receiver = SimpleNamespace(inbox=SimpleNamespace(heard={}), on_lent_map=print)
+    link = DepartedLink(node, '', receiver, SimpleNamespace(),
+                        SimpleNamespace(keep_kept=lambda *of: kept.append(of)))
     link.fetch({'robot3': 'robot2'}, {'robot3'})
     there = [f'/robot2/{topic}/robot3' for topic in (TEAM_DEPARTED, TEAM_DEPARTED_VIEWS)]
     assert node.subscriptions == there
