@@ -91,7 +91,7 @@ def set_in_blocks(content: dict[str, Any], values: dict[str, str]) -> None:
     """Set parameters in every block of a parameter file, under however many namespaces."""
     for name, inner in content.items():
         if name == 'ros__parameters':
-            inner.update(values)
+            content[name] = {**(inner or {}), **values}   # of an empty block nothing is read
         elif isinstance(inner, dict):
             set_in_blocks(inner, values)
 
@@ -106,7 +106,7 @@ def slam_toolbox_file(given: dict[str, str]) -> str:
     file = given['slam_toolbox_params'] or ARGUMENTS['slam_toolbox_params'][0]
     if not prefixed:
         return str(file)
-    content = yaml.safe_load(Path(str(file)).read_text(encoding='utf-8'))
+    content = yaml.safe_load(Path(str(file)).read_text(encoding='utf-8')) or {}
     content.setdefault('/**', {'ros__parameters': {}})
     set_in_blocks(content, prefixed)
     with NamedTemporaryFile('w', prefix='slam_toolbox_', suffix='.yaml', delete=False) as made:

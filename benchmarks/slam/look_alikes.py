@@ -139,13 +139,13 @@ class Witness:
         self.counts: Counter[str] = Counter()
         slam._map.closer.closure.trusted = self
 
-    def __call__(self, loop: Loop, ekf: object, *hidden: object) -> list:
+    def __call__(self, loop: Loop, ekf: object) -> list:
         """Count, then believe what the SLAM believes."""
         truth = self._truth(loop.constraint)
         self.counts[f'found {truth}'] += 1
         self.counts[f'tempted {truth}'] += (
             squared_mahalanobis(*ekf.innovation(loop.constraint)) < TUNING.chi2)
-        believed = self._trusted(loop, ekf, *hidden)
+        believed = self._trusted(loop, ekf)
         self.counts.update(f'believed {self._truth(constraint)}' for constraint in believed)
         return believed
 

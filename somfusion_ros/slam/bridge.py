@@ -45,6 +45,8 @@ class BridgeTuning:
     clearer: float = tuned(
         3.0, 'times', 'as much must be looked through as the views before look through of one '
         'another', 'benchmarks/slam/carried.py, benchmarks/slam/look_alikes.py')
+    fitted: int = tuned(
+        8, 'scans', 'before it, that show what was moved away since its map', 'not measured')
 
 
 TUNING = BridgeTuning()

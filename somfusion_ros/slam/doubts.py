@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 from somfusion_ros.slam import contradiction
 from somfusion_ros.slam.bridge import Bridge
+from somfusion_ros.slam.bridge import TUNING as BRIDGE
 from somfusion_ros.slam.checkpoint import ViewGraph
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.relocation_tuning import TUNING as RELOCATION
 from somfusion_ros.slam.view_tuning import TUNING
 
 BRIDGES = 4    # that are judged at a time
-FITTED = 8     # newest scans before a bridge, that show what was moved away since its map
 
 
 class Doubts:
@@ -32,7 +32,7 @@ class Doubts:
         self._held: list[Bridge] = []       # those that were not denied
         self._weak = False    # whether a scan since the last view hardly fitted
         self._held_on = True  # whether none did since the last view, old or new
-        self._fitted: deque[MapScan] = deque(maxlen=FITTED)
+        self._fitted: deque[MapScan] = deque(maxlen=BRIDGE.fitted)
 
     def follow(self, fits: bool, scan: MapScan | None = None) -> None:
         """Note whether a scan fits well, and where it hangs then."""

@@ -89,7 +89,8 @@ class LoopCloser:
         with self._lock:
             if found.constraint.second in self.graph.hidden:
                 return      # the view was taken back while it was matched
-            constraints = self.closure.trusted(found, self.graph.ekf, self.graph.hidden)
+            self.closure.forget(self.graph.hidden)
+            constraints = self.closure.trusted(found, self.graph.ekf)
             for constraint in constraints:
                 self._moved += self.graph.ekf.update(constraint)
                 self.graph.constraints.append(constraint)

@@ -73,19 +73,13 @@ class LoopClosure:
     def __init__(self) -> None:
         self._pending: list[Loop] = []
 
-    def trusted(self, loop: Loop, ekf: Estimate, hidden: Container[int] = ()
-                ) -> list[Constraint]:
-        """
-        Return the constraints that may enter the filter: this loop, and those it confirms.
-
-        hidden: views that were taken back, whose loops are not waited with any more.
-        """
+    def trusted(self, loop: Loop, ekf: Estimate) -> list[Constraint]:
+        """Return the constraints that may enter the filter: this loop, and those it confirms."""
         possible = _possible(loop, ekf)
         if loop.sure and possible:
             return [loop.constraint]
         self._pending = [p for p in self._pending
-                         if loop.constraint.second - p.constraint.second <= TUNING.recent
-                         and p.constraint.second not in hidden]
+                         if loop.constraint.second - p.constraint.second <= TUNING.recent]
         if not loop.unique or not (loop.sure or possible):
             return []
         partners = [p for p in self._pending if agree(p.constraint, loop.constraint, ekf)]

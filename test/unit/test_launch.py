@@ -153,7 +153,8 @@ def test_robots_that_share_one_tf_get_prefixed_frames(started: Started) -> None:
 
 
 @pytest.mark.parametrize('text', ['', '/**:\n  ros__parameters: {map_frame: map, mode: mapping}',
-                                  'robot1:\n  slam_toolbox:\n    ros__parameters: {}'])
+                                  'robot1:\n  slam_toolbox:\n    ros__parameters: {}',
+                                  '# nothing', '/**:\n  ros__parameters:'])
 def test_slam_toolbox_gets_prefixed_frames_whatever_its_file_says(text: str, started: Started,
                                                                   tmp_path: Path) -> None:
     """What a file says goes before what launch sets beside it; its own default is for no robot."""
