@@ -131,21 +131,22 @@ class Heard:
 
     def forget_poses(self) -> None:
         """Forget where the robot was: its map is another one, or was at another state."""
-        self.poses.clear()
-        self.trail.clear()
+        # Not cleared but replaced: whoever looks at the last of those before finds it still there.
+        self.poses, self.trail = deque(maxlen=POSES_KEPT), deque(maxlen=TRAIL_KEPT)
         self._begins = True
 
     def add_pose(self, item: TimedPose) -> None:
         """Keep a pose, and where the robot has been; those of before its clock was set back go."""
-        if self.poses and item.stamp < self.poses[-1].stamp - TUNING.stepped:
-            self.poses.clear()
+        poses, trail = self.poses, self.trail
+        if poses and item.stamp < poses[-1].stamp - TUNING.stepped:
+            poses = self.poses = deque(maxlen=POSES_KEPT)
             self._begins = True
         if self._begins:
             self.since, self._begins = item.stamp, False
-        self.poses.append(item)
+        poses.append(item)
         here = item.pose.x, item.pose.y
-        if not self.trail or np.hypot(*np.subtract(here, self.trail[-1])) >= TUNING.trail_step:
-            self.trail.append(here)
+        if not trail or np.hypot(*np.subtract(here, trail[-1])) >= TUNING.trail_step:
+            trail.append(here)
 
     def after(self, stamp: float, now: float) -> float:
         """Return how far [s] in the robot's future a stamp [s] is; nan where it does not know."""

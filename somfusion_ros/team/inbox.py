@@ -18,8 +18,7 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE, TRANSFORMS
 from somfusion_ros.team.constraint import MapConstraint
 from somfusion_ros.team.heard import check_pose, Heard, TimedPose
-from somfusion_ros.team.heard import TUNING as HEARING
-from somfusion_ros.team.hearsay import oddities
+from somfusion_ros.team.hearsay import odd_times, oddities
 from somfusion_ros.team.map_codec import epoch_of, MapDecoder, number_of
 from somfusion_ros.team.names import robot_name
 from somfusion_ros.team.plain_epochs import PlainEpochs, PlainMap
@@ -29,7 +28,7 @@ from somfusion_ros.team.state_codec import TeamState
 from somfusion_ros.team.unread import Unread, Waiting
 
 FAULTS = {STATE: 'state', MAP: 'map', CHANGES: 'map', TRANSFORMS: 'transform'}   # in diagnostics
-MOST_TRANSFORMS = 64     # that wait for the worker
+MOST_TRANSFORMS = 64     # of one plain robot that wait for the worker
 
 
 class TimedClusters(NamedTuple):
@@ -63,7 +62,8 @@ class Inbox:
         self._gone: list[str] = []       # who is heard no more, for the worker to forget
         self._since: dict[str, int] = {}
         self._path: list[tuple[float, float]] | None = None
-        self.own: MapCells | None = None     # the robot's own newest map
+        self.own: MapCells | None = None     # the robot's own newest map,
+        self._news: MapCells | None = None   # where it was not handed out yet
 
     def keep(self, robot: str, channel: str, message: Any, size: int,
              read: Callable[[Any], Any], rank: int = 0) -> None:
@@ -74,7 +74,7 @@ class Inbox:
         read makes of it: a TeamState, the bytes of a map or of changes, TimedClusters, a
         PlainMap, or the pose and covariance of a plain robot's transform.
         """
-        self.heard[robot].hear(channel, size, self._clock())
+        self._of(robot).hear(channel, size, self._clock())
         self._unread.keep(robot, channel, Waiting(message, read, rank))
 
     def keep_path(self, places: list[tuple[float, float]]) -> None:
@@ -83,7 +83,7 @@ class Inbox:
 
     def keep_pose(self, robot: str, read: Callable[[], tuple[TimedPose, Epoch | None]]) -> None:
         """Read a robot's pose at once; one in another than its present map is nowhere."""
-        heard = self.heard[robot]
+        heard = self._of(robot)
         heard.hear('pose', 0, self._clock())
         try:
             item, epoch = read()
@@ -92,63 +92,70 @@ class Inbox:
             self._count(f'pose_of_{robot}_unusable', str(error))
             return
         if robot != self.name:
-            self._compare_clocks(robot, item.stamp)
+            own, now = self.heard[self.name], self._clock()
+            heard.late = -own.after(item.stamp, now)
+            for odd in odd_times((robot, self.name), item.stamp, heard.late,
+                                 own.future(item.stamp, now), self._stamps()):
+                self._count(*odd)
         if epoch is None or epoch == self._session.epoch_of(robot):
             heard.add_pose(item._replace(arrived=self._clock()))
-            if robot != self.name:
+            if robot != self.name and robot in self.heard:
                 self._session.presence.hear(robot, item, self.heard[self.name], self._clock())
-
-    def _compare_clocks(self, robot: str, stamp: float) -> None:
-        """Count a peer's clock that is ahead of the robot's own, and poses that come late."""
-        own, now = self.heard[self.name], self._clock()
-        late, ahead = -own.after(stamp, now), own.future(stamp, now)
-        self.heard[robot].late = late
-        if late > HEARING.tardy:
-            self._count(f'pose_of_{robot}_late', f'by {late:.1f} s: a slow network, or its clock')
-        if ahead and stamp <= self._stamps() + HEARING.ahead:
-            self._count(f'pose_of_{self.name}_late', f'by {ahead:.1f} s: the own SLAM is slow')
-        elif ahead:
-            self._count(f'clock_of_{robot}_ahead', f'by {ahead:.1f} s: it was set, or drifts')
 
     def keep_transform(self, owner: str, peer: str, message: Any,
                        read: Callable[[Any], tuple[Pose, Array]]) -> None:
         """Keep what a robot without a state accepted, one transform per other robot."""
-        if peer not in ('', owner) and self._unread.count(TRANSFORMS) < MOST_TRANSFORMS:
+        if peer not in ('', owner) and self._unread.count(owner, TRANSFORMS) < MOST_TRANSFORMS:
             self.keep(owner, f'{TRANSFORMS}/{peer}', message, 0, read)
 
     def forget(self, robot: str) -> None:
         """Forget a robot that is gone, and all that waits of it."""
+        self.heard.pop(robot, None)
         self._unread.forget(robot)
-        for record in (self.heard, self._decoders, self._since):
-            record.pop(robot, None)
-        self._lent.discard(robot)
         self.plain.forget(robot)
         self._session.presence.forget(robot)
         self._gone.append(robot)
 
     def drain(self) -> MapCells | None:
         """Hand all that came to the session; return the own map where it or its epoch changed."""
-        own: MapCells | None = None
         while self._gone:
-            self._session.forget(self._gone.pop())
+            self._forget(self._gone.pop())
         for robot, epoch, keep_map in self.plain.changed(self._clock()):
             self._begin(robot, epoch, keep_map)
-            own = self.own if robot == self.name and keep_map else own   # as that of its epoch
+            if robot == self.name and keep_map:
+                self._news = self.own     # as that of its epoch
         self._give_back()
         for robot, channel in self._unread.addresses():
-            if channel != STATE and self._clock() < self.heard[robot].taken_until:
-                continue   # it waits until one robot only uses the name
-            for waiting in self._unread.take(robot, channel):
-                try:
-                    cells = self._take(robot, channel, waiting.read(waiting.message))
-                except NotYet:
-                    self._unread.keep_early(robot, channel, waiting)
-                except ValueError as error:
-                    kind = channel.partition('/')[0] if channel.startswith(TRANSFORMS) else channel
-                    self._count(f'{FAULTS.get(kind, kind)}_of_{robot}_unusable', str(error))
-                else:
-                    own = cells if robot == self.name and cells is not None else own
-        return own
+            if robot not in self.heard:
+                self._unread.forget(robot)
+            elif channel == STATE or self._clock() >= self._of(robot).taken_until:
+                self._read(robot, channel)     # else it waits until one robot only uses the name
+        news, self._news = self._news, None
+        return news
+
+    def _read(self, robot: str, channel: str) -> None:
+        """Read what waits of a channel, and use it."""
+        for waiting in self._unread.take(robot, channel):
+            try:
+                cells = self._take(robot, channel, waiting.read(waiting.message))
+            except NotYet:
+                self._unread.keep_early(robot, channel, waiting)
+            except ValueError as error:
+                kind = channel.partition('/')[0]
+                self._count(f'{FAULTS.get(kind, kind)}_of_{robot}_unusable', str(error))
+            else:
+                self._news = cells if robot == self.name and cells is not None else self._news
+
+    def _forget(self, robot: str) -> None:
+        """Forget what was read of a robot that is gone."""
+        for record in (self._decoders, self._since):
+            record.pop(robot, None)
+        self._lent.discard(robot)
+        self._session.forget(robot)
+
+    def _of(self, robot: str) -> Heard:
+        """Return what was heard of a robot; of one that was forgotten meanwhile, nothing."""
+        return self.heard.get(robot) or Heard()
 
     def _take(self, robot: str, channel: str, content: Any) -> MapCells | None:
         """Hand the content of one message to the session; return cells of a map that changed."""
@@ -168,9 +175,9 @@ class Inbox:
     def _take_plain(self, robot: str, content: PlainMap) -> MapCells | None:
         """Accept a whole map, as SLAM publishes it; return its cells where it changed anything."""
         own = self._path if robot == self.name else None
-        places = list(self.heard[robot].trail) if own is None else own
+        places = list(self._of(robot).trail) if own is None else own
         cells = mark_driven(content.cells, places)
-        shared = _shared(cells)
+        shared = SharedMap.showing(cells)
         epoch = self.plain.epoch(robot, content.loaded, shared.grid, self._clock())
         if epoch is None:
             raise NotYet
@@ -192,7 +199,7 @@ class Inbox:
         cells = decoder.decode(message)
         if cells is None:
             return None
-        changed = self._session.take_map(robot, _shared(cells), lent)
+        changed = self._session.take_map(robot, SharedMap.showing(cells), lent)
         self._lent = self._lent | {robot} if lent else self._lent - {robot}
         return cells if changed else None
 
@@ -203,16 +210,17 @@ class Inbox:
             decoder = self._decoders.get(robot)
             own = None if decoder is None else decoder.own
             if own is not None and own[0] == self._session.epoch_of(robot):
-                self._session.take_map(robot, _shared(own[1]))
+                self._session.take_map(robot, SharedMap.showing(own[1]))
 
     def _take_state(self, robot: str, state: TeamState) -> None:
         """Accept what a peer accepted, unless something newer came before it."""
-        before = self.heard[robot].session
-        if not self.heard[robot].begin(state.session, self._clock()):
+        heard = self._of(robot)
+        before = heard.session
+        if not heard.begin(state.session, self._clock()):
             raise ValueError(f'two robots are called {robot}; neither is listened to')
         if state.session != before and robot in self._decoders:
             self._decoders[robot].restart()
-        if not self.heard[robot].newer(state.number):
+        if not heard.newer(state.number):
             self._count(f'state_of_{robot}_late', 'it came again, or after a newer one')
             return
         for odd in oddities(robot, state, self.name, self.heard):
@@ -234,17 +242,9 @@ class Inbox:
         """Note which map a robot has; where it is another one, its old poses are nowhere."""
         known = self._session.epoch_of(robot) is not None
         if self._session.begin(robot, epoch, self._clock(), keep_map, given):
-            self.heard[robot].forget_poses()
+            self._of(robot).forget_poses()
         elif known:
             return
         decoder = self._decoders.get(robot)     # others had told of another map, or of none
         if decoder and decoder.newest and decoder.newest[0] == epoch:
-            self._session.take_map(robot, _shared(decoder.newest[1]))
-
-
-def _shared(cells: MapCells) -> SharedMap:
-    """Return the map of cells; ValueError where they show nothing."""
-    shared = SharedMap.from_cells(cells)
-    if not shared.grid.known.any():
-        raise ValueError('grid is all unknown')
-    return shared
+            self._session.take_map(robot, SharedMap.showing(decoder.newest[1]))

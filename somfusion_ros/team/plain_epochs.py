@@ -80,20 +80,22 @@ class PlainEpochs:
             start = self._publishers.get(robot, epoch.start)
             if start != epoch.start and robot not in self._told:
                 self._named[robot] = Epoch(start)
+                _, came = self._last.get(robot, (None, float('-inf')))
                 fresh = (epoch.start == UNKNOWN     # it is the first publisher that is noticed
-                         or now - self._last[robot][1] < TUNING.fresh)
+                         or now - came < TUNING.fresh)
                 found.append((robot, Epoch(start), fresh))
         return found
 
     def epoch(self, robot: str, loaded: Loaded, grid: Grid, now: float) -> Epoch | None:
         """Return the epoch of a map that came; None while it waits for a word on what it is."""
-        if robot in self._told:
-            epoch, marked = self._told[robot]
-            return epoch if loaded == marked else None
+        told = self._told.get(robot)
+        if told is not None:
+            return told[0] if loaded == told[1] else None
         if now - self._first.setdefault(robot, now) < TUNING.patience:
             return None
         epoch = self._named.get(robot, Epoch(self._publishers.get(robot, UNKNOWN)))
-        if robot in self._last and begun_anew(self._last[robot][0], grid):
+        last = self._last.get(robot)
+        if last is not None and begun_anew(last[0], grid):
             epoch = epoch._replace(reset=epoch.reset + 1)
         self._named[robot], self._last[robot] = epoch, (grid, now)
         return epoch

@@ -66,6 +66,14 @@ class SharedMap:
         grid = Grid.from_occupancy(values, cells.resolution, cells.T_frame_grid)
         return cls(grid, grid.points(driven))
 
+    @classmethod
+    def showing(cls, cells: MapCells) -> 'SharedMap':
+        """Read cells; ValueError also where they show nothing."""
+        shared = cls.from_cells(cells)
+        if not shared.grid.known.any():
+            raise ValueError('grid is all unknown')
+        return shared
+
     def to_cells(self) -> MapCells:
         """Write cells, as they were read."""
         values = self.grid.to_occupancy()

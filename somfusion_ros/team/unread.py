@@ -43,9 +43,9 @@ class Unread:
         early = *self._early.get((robot, channel), ()), waiting
         self._early[robot, channel] = early[-EARLY.get(channel, 1):]
 
-    def count(self, kind: str) -> int:
-        """Count the channels of a kind, of any robot, on which something waits."""
-        return sum(channel.startswith(kind) for _, channel in self._all())
+    def count(self, robot: str, kind: str) -> int:
+        """Count the channels of a kind, of one robot, on which something waits."""
+        return sum(one == robot and channel.startswith(kind) for one, channel in self._all())
 
     def forget(self, robot: str) -> None:
         """Forget all that waits of a robot."""

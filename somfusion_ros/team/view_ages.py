@@ -19,6 +19,7 @@ class ViewAges:
         """Note the views that the newest global map shows, at a time [s] of their clock."""
         for robot, views in drawn.items():
             first, before = self._drawn.get(robot, (-1.0, 0))
-            if robot in self._heard and first == views.stamps[0]:
-                self._heard[robot].view_ages.extend((now - views.stamps[before:]).tolist())
+            heard = self._heard.get(robot)
+            if heard is not None and first == views.stamps[0]:
+                heard.view_ages.extend((now - views.stamps[before:]).tolist())
             self._drawn[robot] = float(views.stamps[0]), len(views)     # those of before are old

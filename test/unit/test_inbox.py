@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps of a robot that was gone for a while, told by itself and by others, in any order."""
 
+from collections import Counter
 from itertools import permutations
 from types import SimpleNamespace
 
@@ -16,7 +17,7 @@ from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.team.channels import CHANGES, CLUSTERS, MAP, PLAIN_MAP, STATE
 from somfusion_ros.team.config import TeamConfig
 from somfusion_ros.team.heard import Heard, TimedPose
-from somfusion_ros.team.inbox import Inbox, TimedClusters
+from somfusion_ros.team.inbox import Inbox, MOST_TRANSFORMS, TimedClusters
 from somfusion_ros.team.last_words import DepartedRobot
 from somfusion_ros.team.lent_map import lent_map
 from somfusion_ros.team.map_codec import HEADER, Header, key_message, MapEncoder, number_of
@@ -316,3 +317,49 @@ def test_a_listener_hears_that_a_pose_is_not_of_the_map_of_now() -> None:
     listener.look(True)
     assert 'z' not in listener.session.snapshot.world('a')
     assert listener.session.snapshot.denied == {'z': EPOCH}
+
+
+@pytest.mark.parametrize('what', ['state', 'plain map', 'map', 'early'])
+def test_a_robot_that_is_forgotten_while_it_is_read_costs_nobody_anything(what: str) -> None:
+    """Another thread forgets it; what came of the own map in the same pass is told at once."""
+    listener = Listener()
+    inbox, now = listener.inbox, PlainMap(CELLS, (0, 0))
+    listener.now = 10.0
+    inbox.plain.tell('a', Epoch('4e'), (0, 0))
+    inbox.plain.tell('z', Epoch('5e'), (9 if what == 'early' else 0, 0))
+    channel, content = {
+        'state': (STATE, TeamState('cd34', epoch=Epoch('3d'))), 'plain map': (PLAIN_MAP, now),
+        'early': (PLAIN_MAP, now), 'map': (MAP, key_message(version(1), EPOCH, 1))}[what]
+
+    def read(content: object) -> object:
+        inbox.forget('z')
+        return content
+    inbox.keep('a', PLAIN_MAP, now, 1, lambda content: content)
+    inbox.keep('z', channel, content, 1, read)
+    assert inbox.drain() is not None
+    inbox.keep('z', STATE, TeamState('cd34', number=9), 1, read)     # on its way meanwhile
+    assert inbox.drain() is None and not listener.counted
+    assert 'z' not in listener.session.refresh().world('a')
+    assert not inbox._unread.addresses()     # nothing waits for it
+
+
+def test_a_pass_that_fails_tells_the_own_map_with_the_next() -> None:
+    listener = Listener()
+    inbox = listener.inbox
+    inbox.plain.tell('a', Epoch('4e'), (0, 0))
+    inbox.keep('a', PLAIN_MAP, PlainMap(CELLS, (0, 0)), 1, lambda content: content)
+    inbox.keep('z', MAP, b'', 1, lambda content: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        inbox.drain()
+    assert inbox.drain() is not None and inbox.drain() is None
+
+
+def test_a_robot_that_floods_takes_nobody_elses_place() -> None:
+    listener = Listener()
+    inbox = listener.inbox
+    inbox.heard['b'] = Heard()
+    for k in range(3 * MOST_TRANSFORMS):
+        inbox.keep_transform('z', f'robot{k}', k, lambda content: content)
+    inbox.keep_transform('b', 'a', 0, lambda content: content)
+    waiting = Counter(robot for robot, _ in inbox._unread.addresses())
+    assert waiting == {'z': MOST_TRANSFORMS, 'b': 1}

@@ -155,7 +155,7 @@ class FusionNode(ManagedNode):
         """Use all that arrived; offer the robot's own map to the peers where it changed."""
         self._view_inbox.drain()
         own = self._inbox.drain() or (None if self._link.shares else self._inbox.own)
-        self._session.look_around(self._inbox.heard)
+        self._session.look_around(dict(self._inbox.heard))     # robots come and go meanwhile
         if own is not None:
             self._link.share(own, self._session.epoch_of(self._name) or Epoch())
             self._publisher.learned(self._session.learned_of(self._name),

@@ -57,7 +57,7 @@ class PeerTopics:
     def _last_place(self, peer: str) -> tuple[float, float] | None:
         """Return the newest place on a peer's way, the same object until there is another."""
         heard = self._heard.get(peer)
-        return heard.trail[-1] if heard is not None and heard.trail else None
+        return next(iter(tuple(heard.trail)[-1:]), None) if heard is not None else None
 
     def _message(self, peer: str, topic: str, shared: Any) -> Any:
         """Convert one thing that a peer has seen, in the peer's frame of this tree."""
@@ -67,7 +67,8 @@ class PeerTopics:
         if topic == names.CLUSTERS:
             rows = cluster_rows(outline(self._session.learned_of(peer)))
             return convert.cluster_cloud(rows, frame, stamp)
-        trail = list(self._heard[peer].trail)
-        poses = np.column_stack([np.array(trail), np.zeros(len(trail))])
+        heard = self._heard.get(peer)
+        trail = np.reshape([] if heard is None else heard.trail, (-1, 2))
+        poses = np.column_stack([trail, np.zeros(len(trail))])
         return convert.path_message(np.full(len(trail), convert.seconds(stamp)), poses, frame,
                                     stamp)

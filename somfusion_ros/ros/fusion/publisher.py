@@ -85,9 +85,10 @@ class FusionPublisher:
         if lookouts != self._shown_lookouts:
             self._shown_lookouts = lookouts
             self._lookouts.publish(convert.pose_array(lookouts, self._frames.own, stamp))
-        self._team_poses({robot: heard[robot].poses[-1] for robot in sorted(world)
-                          if robot in heard and heard[robot].poses
-                          and robot in {self._frames.robot, *present}}, snapshot, stamp)
+        newest = {robot: tuple(heard[robot].poses)[-1:] for robot in sorted(world)
+                  if robot in heard and robot in {self._frames.robot, *present}}
+        self._team_poses({robot: last for robot, poses in newest.items() for last in poses},
+                         snapshot, stamp)
 
     def _team_poses(self, here: Mapping[str, TimedPose], snapshot: Snapshot, stamp: Time) -> None:
         """Publish where the robots are: all in one message, and each with its covariance."""
