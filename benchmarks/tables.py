@@ -12,6 +12,7 @@ import re
 import subprocess
 
 from benchmarks.data.folders import ROOT
+from somfusion_ros.whole_files import write_text
 
 Value = str | int | float | None
 
@@ -64,8 +65,7 @@ def write_into(document: Path, table: Table, origin: str) -> None:
         raise KeyError(f'{document.name} has no place for the table {table.name!r}: {begin}')
     head, rest = text.split(begin, 1)
     tail = rest.split(end, 1)[1]
-    document.write_text(f'{head}{begin}\n{table.markdown()}\n\n_{origin}_\n{end}{tail}',
-                        encoding='utf-8')
+    write_text(document, f'{head}{begin}\n{table.markdown()}\n\n_{origin}_\n{end}{tail}')
 
 
 def names_in(source: str) -> list[str]:

@@ -38,6 +38,7 @@ import numpy as np
 from somfusion_ros.fusion import verdict as verdicts
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Array
+from somfusion_ros.whole_files import write_text
 
 WEIGHTS = ROOT / 'somfusion_ros' / 'fusion' / verdicts.WEIGHTS_FILE
 DIAGRAM = ROOT / 'doc' / 'verdict_reliability.png'
@@ -98,7 +99,7 @@ def report(samples: list[Sample], data: str, command: str, write: bool) -> None:
               'calibration error, places left out': errors,
               'kinds': [kinds.columns, *kinds.rows],
               'accepted at': [thresholds.columns, *thresholds.rows]}
-    WEIGHTS.write_text(json.dumps(record, indent=1) + '\n', encoding='utf-8')
+    write_text(WEIGHTS, json.dumps(record, indent=1) + '\n')
     draw_reliability(DIAGRAM, chances, np.array([sample.right for sample in samples]))
 
 

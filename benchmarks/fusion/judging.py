@@ -87,9 +87,7 @@ def judge(data: Path, replays: list[Path], wanted: list[Number], jobs: int) -> l
     for k, part in enumerate(_judged(data, replays, missing, jobs)):
         samples += part
         if (k + 1) % KEPT_EVERY == 0 or (k + 1) * TOGETHER >= len(missing):
-            new = path.with_suffix('.new')     # a table that was cut off would keep nothing
-            write_samples(new, samples)
-            new.replace(path)
+            write_samples(path, samples)
             print(f'{min((k + 1) * TOGETHER, len(missing))} of {len(missing)} cases',
                   file=sys.stderr, flush=True)
     order = {case: k for k, case in enumerate(wanted)}

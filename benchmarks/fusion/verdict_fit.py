@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 from somfusion_ros.fusion import verdict as verdicts
 from somfusion_ros.fusion.measures import Evidence
 from somfusion_ros.geometry import Array
+from somfusion_ros.whole_files import write_files
 
 TERMS = [(test, name) for test, names in verdicts.TESTS.items() for name in names]
 MEASURES = list(dict.fromkeys(name for _, name in TERMS if name != 'constant'))
@@ -131,7 +132,7 @@ def write_samples(path: Path, samples: list[Sample]) -> None:
                          f'{s.image:.2f}',
                          *(f'{getattr(s.evidence, name):.4g}' for name in SEEN),
                          *(f'{getattr(s.margins, name):.4g}' for name in MARGINS)])
-    path.write_bytes(gzip.compress(text.getvalue().encode(), mtime=0))
+    write_files({path: gzip.compress(text.getvalue().encode(), mtime=0)})
 
 
 def read_samples(path: Path) -> list[Sample]:

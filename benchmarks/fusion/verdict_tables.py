@@ -11,6 +11,7 @@ import matplotlib.figure as drawing
 import numpy as np
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.geometry import Array
+from somfusion_ros.report.pictures import write_figure
 
 THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 BINS = 10
@@ -107,4 +108,4 @@ def draw_reliability(path: Path, tables: Mapping[str, Array], right: Array) -> N
     axes.set(ylabel='share that is right')
     axes.legend()
     below.set(xlabel='probability of the verdict', ylabel='cases', yscale='log')
-    figure.savefig(path, dpi=110)
+    write_figure(path, figure, dpi=110)

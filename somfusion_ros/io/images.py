@@ -59,10 +59,10 @@ def _shades(image: NDArray[Any]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     return image.astype(np.uint8), opaque
 
 
-def write_pgm(path: Path, shades: NDArray[np.uint8]) -> None:
-    """Write shades (H, W) as binary PGM."""
+def pgm(shades: NDArray[np.uint8]) -> bytes:
+    """Return shades (H, W) as binary PGM."""
     height, width = shades.shape
-    path.write_bytes(b'P5\n%d %d\n255\n' % (width, height) + shades.tobytes())
+    return b'P5\n%d %d\n255\n' % (width, height) + shades.tobytes()
 
 
 def _parse_pgm(data: bytes) -> NDArray[np.uint8]:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.io.errors import InputError, reason_of
-from somfusion_ros.io.images import read_image, write_pgm
+from somfusion_ros.io.images import pgm, read_image
+from somfusion_ros.whole_files import write_files
 import yaml
 
 WALL_SHADE, FREE_SHADE, UNKNOWN_SHADE = 0, 254, 205
@@ -133,21 +134,20 @@ def write_map(folder: str | Path, grid: Grid, name: str = 'map') -> Path:
     Write `<name>.pgm` and `<name>.yaml` (trinary) into a folder, made where missing.
 
     Cells that are neither clearly wall nor clearly free become unknown. Return the path of the
-    YAML file.
+    YAML file. OSError, as on a full disk, leaves a map that was there as it was.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     shades = np.full(grid.shape, UNKNOWN_SHADE, np.uint8)
     shades[grid.free] = FREE_SHADE
     shades[grid.occupied] = WALL_SHADE
-    write_pgm(folder / f'{name}.pgm', shades[::-1])
     x, y, theta = (float(v) for v in grid.T_frame_grid)
     image = yaml.safe_dump({'image': f'{name}.pgm'}, allow_unicode=True, width=10 ** 6)
     text = (f'{image}mode: trinary\nresolution: {grid.resolution!r}\n'
             f'origin: [{x!r}, {y!r}, {theta!r}]\nnegate: 0\n'
             f'occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n')
     path = folder / f'{name}.yaml'
-    path.write_text(text, encoding='utf-8')
+    write_files({folder / f'{name}.pgm': pgm(shades[::-1]), path: text.encode()})
     return path
 
 

@@ -3,6 +3,7 @@
 """What a command leaves in its output folder: result.json, and every map with its evidence."""
 
 from collections.abc import Mapping, Sequence
+import io
 import json
 import math
 from pathlib import Path
@@ -15,6 +16,7 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.grid import Grid, MAX_CELLS
 from somfusion_ros.io.errors import InputError
 from somfusion_ros.io.maps import write_map
+from somfusion_ros.whole_files import write_files, write_text
 
 if TYPE_CHECKING:
     from somfusion_ros.team.bond import Bond
@@ -111,8 +113,7 @@ def pose_of(record: Mapping[str, float] | None) -> Pose | None:
 
 def write_result(folder: Path, record: Mapping[str, Any]) -> None:
     """Write result.json; what is not finite becomes null, as JSON has no word for it."""
-    text = json.dumps(_finite(record), indent=2, allow_nan=False)
-    (folder / RESULT).write_text(text + '\n')
+    write_text(folder / RESULT, json.dumps(_finite(record), indent=2, allow_nan=False) + '\n')
 
 
 def read_result(folder: Path) -> dict[str, Any]:
@@ -134,8 +135,10 @@ def read_result(folder: Path) -> dict[str, Any]:
 def write_robot_map(folder: Path, grid: Grid) -> None:
     """Write a map as map.yaml and map.pgm, and its evidence unrounded for the report."""
     write_map(folder, grid)
-    np.savez_compressed(folder / EVIDENCE, evidence=grid.evidence, resolution=grid.resolution,
+    archive = io.BytesIO()
+    np.savez_compressed(archive, evidence=grid.evidence, resolution=grid.resolution,
                         origin=np.array(grid.T_frame_grid))
+    write_files({folder / EVIDENCE: archive.getvalue()})
 
 
 def read_evidence(folder: Path) -> Grid:

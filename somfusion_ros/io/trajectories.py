@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from somfusion_ros.geometry import Array
+from somfusion_ros.whole_files import write_text
 
 
 def write_tum(path: Path, stamps: ArrayLike, poses: ArrayLike) -> None:
     """Write stamps (N,) [s] and poses (N, 3) x [m], y [m], theta [rad]."""
     poses = np.asarray(poses, dtype=float).reshape(-1, 3)
     half = 0.5 * poses[:, 2]
-    with path.open('w') as file:
-        for t, (x, y, _), qz, qw in zip(np.ravel(stamps), poses, np.sin(half), np.cos(half)):
-            file.write(f'{t:.9f} {x:.6f} {y:.6f} 0.000000 0.000000 0.000000 {qz:.9f} {qw:.9f}\n')
+    write_text(path, ''.join(
+        f'{t:.9f} {x:.6f} {y:.6f} 0.000000 0.000000 0.000000 {qz:.9f} {qw:.9f}\n'
+        for t, (x, y, _), qz, qw in zip(np.ravel(stamps), poses, np.sin(half), np.cos(half))))
 
 
 def read_tum(path: Path) -> tuple[Array, Array]:

@@ -3,21 +3,33 @@
 """Placed maps as pictures: the walls in colours, and where two maps agree."""
 
 from collections.abc import Sequence
+import io
+from pathlib import Path
+from typing import Any
 
 import cv2
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
 from somfusion_ros.geometry import apply, Array, inverse, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.report.palette import (AGREEMENT, AGREEMENT_PALE, BOTH, CONFLICT, FREE, ONE,
                                           UNKNOWN, WALL)
+from somfusion_ros.whole_files import write_files
 
 PIXELS = 300    # of a panel along a side; walls are drawn at least one wide
 STRAY = 0.001   # share of wall cells that a figure may leave out
 
 Extent = tuple[float, float, float, float]   # left, right, bottom, top [m]
 Picture = tuple[Array, Extent]               # image (H, W, 3) in [0, 1], row 0 at the bottom
+
+
+def write_figure(path: Path, figure: Figure, **options: Any) -> None:
+    """Write a figure as PNG, with further options of savefig; OSError leaves what was there."""
+    image = io.BytesIO()
+    figure.savefig(image, format='png', **options)
+    write_files({path: image.getvalue()})
 
 
 def bounds(grids: Sequence[Grid], poses: Sequence[Pose], margin: float = 1.0) -> Extent:

@@ -22,6 +22,7 @@ from somfusion_ros.io.trajectories import read_tum
 from somfusion_ros.report import map_figures, pair_figures
 from somfusion_ros.report.elastic_figure import before_and_after, elastic_team
 from somfusion_ros.report.pair_data import PairData
+from somfusion_ros.report.pictures import write_figure
 from somfusion_ros.report.team_figures import TeamData
 from somfusion_ros.report.verdict_panel import draw_verdict, verdict_word
 
@@ -113,7 +114,7 @@ def draw_report(folder: Path, traces: Mapping[tuple[str, str], 'Trace']) -> Path
                  for data in ranked[1:]}
     with matplotlib.rc_context(STYLE), progress_bar('drawing', len(drawings), 'figure') as bar:
         for path, draw in drawings.items():
-            draw().savefig(path, pil_kwargs=PNG)
+            write_figure(path, draw(), pil_kwargs=PNG)
             bar.update()
     return folder / 'report.png' if ranked else figures / 'team.png'
 

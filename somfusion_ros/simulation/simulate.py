@@ -22,6 +22,7 @@ from somfusion_ros.simulation.floor_plan import FloorPlan, PLANS
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.wheel_odometry import WheelOdometry
+from somfusion_ros.whole_files import write_text
 
 EPOCH = 1000.0             # [s] stamp at which the robots are switched on
 ODOMETRY_PERIOD = 0.05     # [s]
@@ -101,7 +102,7 @@ def simulate(output: str | Path, options: SimulationOptions | None = None) -> di
         say(f'{name}: {run.stamps[-1]:.0f} s, '
             f'{np.hypot(*np.diff(run.poses[:, :2], axis=0).T).sum():.1f} m: {folder / name}')
     truth = truth_record(starts, options)
-    (folder / TRUTH).write_text(json.dumps(truth, indent=2) + '\n')
+    write_text(folder / TRUTH, json.dumps(truth, indent=2) + '\n')
     say(f'truth: {folder / TRUTH}')
     return truth
 

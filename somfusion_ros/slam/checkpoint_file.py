@@ -17,9 +17,10 @@ from somfusion_ros.slam.checkpoint_reader import assemble, CLOSED, Flaws, OPENED
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
-from somfusion_ros.slam.journal import Journal, open_file, Opener, packed
+from somfusion_ros.slam.journal import Journal, packed
 from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.scan import Cloud
+from somfusion_ros.whole_files import open_file, Opener
 
 WASTE = 2        # the file is written anew once it is so many times as long as what it holds
 LEAST = 1 << 22  # [bytes] below which it is not

@@ -11,8 +11,8 @@ from weakref import ref
 
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import CheckpointFile
-from somfusion_ros.slam.journal import open_file, Opener
 from somfusion_ros.slam.slam import Slam
+from somfusion_ros.whole_files import open_file, Opener
 
 
 class CheckpointKeeper:

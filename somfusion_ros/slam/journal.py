@@ -8,24 +8,24 @@ skipped, and reading goes on at the next marker; whatever the damage, the rest i
 would do the writing, but has no checksums: one flipped bit in an inner page loses a table.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 import fcntl
 import math
 import os
 from pathlib import Path
 import struct
 from types import TracebackType
-from typing import BinaryIO, cast
+from typing import BinaryIO
 import zlib
 
 import numpy as np
 from somfusion_ros.geometry import Array
+from somfusion_ros.whole_files import open_file, Opener, write_files
 
 MARKER = b'\xf5SOMj\x01\r\n'           # begins every record; its sixth byte is the version
 HEAD = struct.Struct('<8s4sII')        # marker, kind, length of the payload, checksum
 LONGEST = 1 << 28                      # [bytes] of a payload; a longer one is damage
 DAMAGED = (ValueError, KeyError, IndexError, TypeError, OverflowError, struct.error)
-Opener = Callable[[Path, str], BinaryIO]
 
 
 class JournalInUse(OSError):
@@ -89,11 +89,6 @@ def records(data: bytes) -> Iterator[tuple[str, dict[str, Array]]]:
         at = start + HEAD.size + length
 
 
-def open_file(path: Path, mode: str) -> BinaryIO:
-    """Open a file of bytes."""
-    return cast(BinaryIO, path.open(mode))
-
-
 class Journal:
     """
     A journal that this process appends to; one process at a time.
@@ -146,12 +141,7 @@ class Journal:
     def replace(self, data: bytes) -> None:
         """Replace the whole file in one step: it is the old one or the new, whatever happens."""
         self._close_file()
-        beside = self.path.with_name(f'{self.path.name}.new')
-        with self._opened(beside, 'wb') as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, self.path)
+        write_files({self.path: data}, self._opened)
 
     def delete(self) -> None:
         """Delete the file."""

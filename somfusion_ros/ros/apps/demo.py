@@ -28,6 +28,7 @@ from somfusion_ros.ros.apps.demo_picture import draw_live
 from somfusion_ros.ros.apps.demo_table import compare, robot_lines, table, TOLERANCE
 from somfusion_ros.ros.apps.demo_team import LiveError, LiveOptions, run_team
 from somfusion_ros.simulation.simulate import simulate, SimulationOptions, TRUTH
+from somfusion_ros.whole_files import write_text
 
 DURATION = 75.0   # [s] of the simulated drives
 
@@ -93,7 +94,7 @@ def show(folder: Path, logs: Mapping[str, Log], status: Mapping[str, Any],
     for line in robot_lines(status, logs):
         say(line)
     say(', '.join(f'{name} {value:.1f} s' for name, value in seconds.items()))
-    (folder / 'live.json').write_text(json.dumps(
+    write_text(folder / 'live.json', json.dumps(
         {'pairs': [row.record() for row in rows], 'seconds': dict(seconds),
          'diagnostics': status['diagnostics']}, indent=2) + '\n')
     say(f'picture: {draw_live(folder, list(logs), rows)}')

@@ -12,7 +12,7 @@ from somfusion_ros.geometry import Pose
 from somfusion_ros.io.result import read_evidence
 from somfusion_ros.io.trajectories import read_tum
 from somfusion_ros.report.map_figures import show
-from somfusion_ros.report.pictures import map_picture
+from somfusion_ros.report.pictures import map_picture, write_figure
 from somfusion_ros.report.team_figures import draw_team
 from somfusion_ros.ros.apps.demo_table import Row
 
@@ -41,5 +41,5 @@ def draw_live(folder: Path, robots: Sequence[str], rows: Sequence[Row]) -> Path:
                                         if row.target == robots[0]}}
         draw_team(axes[-1], own, placed, paths)
         path = folder / NAME
-        figure.savefig(path, dpi=110)
+        write_figure(path, figure, dpi=110)
     return path

@@ -27,6 +27,7 @@ from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.conversions import (grid_from_message, pose_from_message, seconds,
                                                   transform_from_message)
 from somfusion_ros.ros.common.runtime import plain_args, run
+from somfusion_ros.whole_files import write_text
 
 STATUS = 'status.json'
 PERIOD = 0.5   # [s] between two writings of the status
@@ -103,9 +104,7 @@ class RecorderNode(Node):
 
     def _write_status(self) -> None:
         """Write status.json in one step, so that a reader never finds half of it."""
-        draft = self._folder / f'{STATUS}.new'
-        draft.write_text(json.dumps(self._status, indent=2) + '\n')
-        draft.replace(self._folder / STATUS)
+        write_text(self._folder / STATUS, json.dumps(self._status, indent=2) + '\n')
 
     def close(self, timeout: float) -> bool:
         """Write the maps, the paths and the last status."""

@@ -10,6 +10,7 @@ the team once.
 import argparse
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 import sys
 import threading
 import time
@@ -29,6 +30,7 @@ from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.parameter_sets import SETS
 from somfusion_ros.ros.common.peers import find_peers, robot_of
 from somfusion_ros.ros.common.runtime import plain_args, run
+from somfusion_ros.whole_files import write_text
 
 PERIOD = 0.5   # [s] between two pictures
 WIDTH, HEIGHT = 110, 40   # of a picture where there is no terminal
@@ -62,7 +64,8 @@ class WatchNode(Node):
             self._live.stop()
             self._console.print(self._view())
         if self._options.svg:
-            self._console.save_svg(self._options.svg, title='somfusion watch')
+            write_text(Path(self._options.svg),
+                       self._console.export_svg(title='somfusion watch'))
         return True
 
     def _draw(self) -> None:

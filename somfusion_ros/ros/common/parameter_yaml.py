@@ -14,6 +14,7 @@ from typing import Any
 
 from somfusion_ros.ros.common.parameter_sets import SETS
 from somfusion_ros.settings import span
+from somfusion_ros.whole_files import write_text
 
 WIDTH = 95
 INDENT = ' ' * 4
@@ -71,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Write the files into a folder."""
     folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
     for name in FILES:
-        (folder / name).write_text(parameter_file(name), encoding='utf-8')
+        write_text(folder / name, parameter_file(name))
     return 0
 
 

@@ -24,6 +24,7 @@ from somfusion_ros.team.fact import Fact
 from somfusion_ros.team.fact_reader import FactReader
 from somfusion_ros.team.view_facts import ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
+from somfusion_ros.whole_files import write_files
 
 
 BATCHES = 2000   # of facts that are kept apart
@@ -53,9 +54,7 @@ class Memory:
     def save(self, path: Path) -> None:
         """Keep the results that are on disk nowhere yet, for a process of the same code."""
         new = {key: found for key, found in self.known.items() if key not in self._on_disk}
-        unfinished = path.with_suffix('.unfinished')
-        unfinished.write_bytes(pickle.dumps((code_digest(), new)))
-        unfinished.replace(path)
+        write_files({path: pickle.dumps((code_digest(), new))})
         self._on_disk |= new.keys()
         self._loaded.add(path)
 
