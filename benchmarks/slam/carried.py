@@ -3,26 +3,31 @@
 """
 Study robots that are taken up while they drive, and put down where they have been before.
 
-usage: python -m benchmarks.slam.carried [RUNS [FIRST]]
+usage: python -m benchmarks.slam.carried [RUNS [FIRST]] [--resumed]
        (default: 60 1000; about 2 minutes of a core)
 
 In an office, with four lasers in turn, on three routes. After 24 to 39 of 60 s the robot is, from
 one scan to the next, at another place of its way, and drives on from there; its wheels tell
-nothing of it. Prints by laser how many robots did not notice until the end, for how long their
+nothing of it. With --resumed the robot is in its map of another drive of 60 s: it was carried
+while it was switched off, too, and its wheels go on as if nothing had happened.
+
+Prints by laser how many robots did not notice until the end, for how long their
 pose was off by more than half a metre and not called lost, how long they were lost, and how many
-were so before anything happened. Asserts nothing.
+were so before anything happened (with --resumed, all since it was switched on counts). Asserts
+nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import sys
 
 from benchmarks.tables import Table
 import numpy as np
-from somfusion_ros.geometry import between, Pose
+from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.simulation import drive
-from somfusion_ros.simulation.floor_plan import PLANS
+from somfusion_ros.simulation.floor_plan import FloorPlan, PLANS
 from somfusion_ros.simulation.laser import Laser, Scene
-from somfusion_ros.simulation.trial import run_trial, simulate_trial
+from somfusion_ros.simulation.trial import run_trial, simulate_trial, Trial
+from somfusion_ros.slam.slam import Slam
 
 MOUNT = Pose(0.2, 0.0, 0.0)
 LASERS = {'180 deg, 12 m, 2.5 Hz': Laser(181, np.pi, 0.1, 12.0, 0.4, mount=MOUNT),
@@ -45,20 +50,36 @@ class Fate:
     lost_before: bool
 
 
-def carried(number: int, laser: Laser) -> Fate:
+def follow(route: Array) -> tuple[Array, Array]:
+    """Return stamps (T,) [s] and poses (T, 3) along a route (K, 2) [m]."""
+    heading = float(np.arctan2(*(route[1] - route[0])[::-1]))
+    return drive.follow(route, heading, SPEED, DURATION)
+
+
+def resume(trial: Trial, start: Array, plan: FloorPlan, laser: Laser, rng: np.random.Generator
+           ) -> tuple[Trial, Slam]:
+    """Map on another drive; return a trial from a pose (3,) as it goes on, and its SLAM."""
+    scene, (stamps, poses) = Scene(plan.segments), follow(plan.route(int(rng.integers(3))))
+    before = simulate_trial(lambda t: scene, stamps, poses, laser, rng)
+    slam = Slam(checkpoint=run_trial(before).slam.checkpoint())
+    both = before.then(trial, between(poses[0], start), laser)
+    return replace(both, scans=both.scans[len(before.scans):]), slam
+
+
+def carried(number: int, laser: Laser, resumed: bool = False) -> Fate:
     """Drive, be taken up, and drive on."""
     rng, plan = np.random.default_rng(number), PLANS['office']()
-    scene, route = Scene(plan.segments), plan.route(int(rng.integers(3)))
-    heading = float(np.arctan2(*(route[1] - route[0])[::-1]))
-    stamps, poses = drive.follow(route, heading, SPEED, DURATION)
+    scene, (stamps, poses) = Scene(plan.segments), follow(plan.route(int(rng.integers(3))))
     taken = int(len(stamps) * rng.uniform(0.4, 0.65))
     put = int(taken * rng.uniform(0.0, 0.9))
     left = len(stamps) - taken
     first = simulate_trial(lambda t: scene, stamps[:taken], poses[:taken], laser, rng)
     second = simulate_trial(lambda t: scene, stamps[:left], poses[put:put + left], laser, rng)
     trial = first.then(second, between(poses[0], poses[put]), laser)
-    outcome = run_trial(trial)
-    after = np.array([step.stamp for step in outcome.steps]) > first.scans[-1].stamp
+    trial, slam = resume(trial, poses[0], plan, laser, rng) if resumed else (trial, None)
+    outcome = run_trial(trial, slam=slam)
+    since = -np.inf if resumed else first.scans[-1].stamp
+    after = np.array([step.stamp for step in outcome.steps]) > since
     lost = np.array([step.reason == 'lost' for step in outcome.steps])
     off = np.hypot(*outcome.error[:, :2].T) > OFF
     moved = np.hypot(*between(poses[taken - 1], poses[put])[:2]) > MOVED
@@ -67,12 +88,12 @@ def carried(number: int, laser: Laser) -> Fate:
                 laser.period * np.count_nonzero(lost & after), bool(lost[~after].any()))
 
 
-def carried_table(runs: int, first: int) -> Table:
+def carried_table(runs: int, first: int, resumed: bool = False) -> Table:
     """Return how robots with each laser fared."""
     kinds, fates = list(LASERS), dict[str, list[Fate]]()
     for number in range(first, first + runs):
         kind = kinds[number % len(kinds)]
-        fates.setdefault(kind, []).append(carried(number, LASERS[kind]))
+        fates.setdefault(kind, []).append(carried(number, LASERS[kind], resumed))
     table = Table('carried', (
         'laser', 'drives', 'unnoticed at the end', 'wrong unnoticed, mean [s]', '90 % [s]',
         'lost, mean [s]', 'lost before'), (None, None, None, 1, 1, 1))
@@ -87,8 +108,9 @@ def carried_table(runs: int, first: int) -> Table:
 
 def main() -> None:
     """Print the table."""
-    words = [int(word) for word in sys.argv[1:]]
-    print(carried_table(*(words + [60, 1000][len(words):])).markdown())
+    words = [int(word) for word in sys.argv[1:] if word != '--resumed']
+    runs, first = words + [60, 1000][len(words):]
+    print(carried_table(runs, first, '--resumed' in sys.argv).markdown())
 
 
 if __name__ == '__main__':

@@ -27,6 +27,9 @@ from somfusion_ros.slam.scan import Cloud
 class BridgeTuning:
     """When views that little holds are right, and when they are taken back."""
 
+    fell: float = tuned(
+        0.2, 'share of points', 'less than of the scan before that a match explains: the robot '
+        'may have been taken up', 'benchmarks/slam/carried.py')
     reach: float = tuned(
         5.0, 'm', 'from the map before, beyond which nothing is judged any more',
         'not measured')
@@ -75,7 +78,7 @@ class Bridge:
         at = before[-1]
         placed, pose = list(between(poses[at], poses[before])), between(poses[at], poses[new])
         shown = [clouds[k] for k in before]
-        if not sure(at, new, ekf):
+        if new - self.first > TUNING.soon or not sure(at, new, ekf):   # the map has drifted
             pose = register(clouds[new], LocalMap.of_views(shown, placed), pose).T_map_scan
         wall = lasting([apply(p, cloud.points) for p, cloud in zip(placed, shown, strict=True)])
         for scan in self.fitted:

@@ -31,11 +31,14 @@ class Doubts:
         self._bridges: list[Bridge] = []    # by age
         self._held: list[Bridge] = []       # those that were not denied
         self._weak = False    # whether a scan since the last view hardly fitted
+        self._explained = 0.0  # share of the last scan
         self._held_on = True  # whether none did since the last view, old or new
         self._fitted: deque[MapScan] = deque(maxlen=BRIDGE.fitted)
 
-    def follow(self, fits: bool, scan: MapScan | None = None) -> None:
-        """Note whether a scan fits well, and where it hangs then."""
+    def follow(self, fits: bool, scan: MapScan | None = None, explained: float = 1.0) -> None:
+        """Note whether a scan fits well, where it hangs then, and which share is explained."""
+        fell, self._explained = self._explained - explained, explained
+        fits = fits and fell < BRIDGE.fell
         self._weak |= not fits
         self._held_on &= fits
         if self._held_on and scan is not None:

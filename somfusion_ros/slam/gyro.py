@@ -99,14 +99,14 @@ class Gyro:
 
     def learn(self, step: Step, stamp: float) -> None:
         """Take the step that a scan made, of a stamp [s] by the gyroscope's clock."""
-        last, self._last = self._last, ((step, stamp) if step.matched else None)
-        if last is None or not step.matched:
+        last, self._last = self._last, ((step, stamp) if step.accepted else None)
+        if last is None or step.moved is None:
             return
         time = step.stamp - last[0].stamp
         told = [self._raw(at) for at in (last[1], stamp)]
         if told[0] is None or told[1] is None or not 0.0 < time < LONGEST:
             return
-        matched = float(between(np.array(last[0].pose), np.array(step.pose))[2])
+        matched = float(step.moved[2])
         turn = told[1] - told[0]
         if not self._known and abs(matched) > LEAST_TURN:
             self._sums += np.sign(matched) * np.array((turn, matched))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from somfusion_ros.geometry import between, compose
+from somfusion_ros.geometry import compose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.motion import mean_twist, Odometry, swept
 from somfusion_ros.slam.step import Step
@@ -68,11 +68,9 @@ class MotionGuess:
         last, self._last = self._last, step
         if last is None or not last.stamp < step.stamp:
             return
-        if not step.matched:
-            self._twist = 0.5 * self._twist
-            return
-        time = step.stamp - last.stamp
-        moved = between(np.array(last.pose), np.array(step.pose))
-        if last.matched or last.is_view:
-            twist, limit = mean_twist(moved, time), np.array(TUNING.fastest)[[0, 0, 1]]
+        if step.moved is not None and last.accepted:
+            twist = mean_twist(step.moved, step.stamp - last.stamp)
+            limit = np.array(TUNING.fastest)[[0, 0, 1]]
             self._twist = np.clip(twist, -limit, limit)
+        elif not step.matched:
+            self._twist = 0.5 * self._twist

@@ -67,7 +67,7 @@ class SingleMap:
             track = self.tracker.step(seen, odometry)
             self._blind = 0 if track.matched or not self.graph.clouds else self._blind + 1
             self.closer.doubts.follow(track.fits(self.config.doubtful_inlier_ratio), MapScan(
-                self._at, self.tracker.T_view_base, seen.outline))
+                self._at, self.tracker.T_view_base, seen.outline), track.inlier_ratio)
             is_due = self._is_due(track, seen)
             self.astray = self._is_astray(is_due)
             goes_on = is_due and not self.astray and self._goes_on(track, seen)
@@ -183,8 +183,8 @@ class SingleMap:
         with self.lock:
             poses = self.graph.ekf.poses
             view = places.nearest_seen(pose, poses, self.graph.clouds, self.config)
-            tracker = tracker or self.tracker
-            tracker.config, self.tracker, self._blind = self.config, tracker, 0
+            self.tracker, self._blind = tracker or self.tracker, 0
+            self.tracker.config, self.tracker.placed = self.config, False
             self._go_on(view, self.graph.local_map(view, self._members(view)),
                         between(poses[view], pose), seen_turned(P, poses[view, 2]))
             if stamp is not None:
@@ -234,7 +234,7 @@ class SingleMap:
             self.graph.scans.add(MapScan(self._at, hung, seen.outline), pose)
         T_map_odom = Pose.from_array(compose(pose, inverse(odometry.pose)))
         self.last = Step(stamp, Pose.from_array(pose), covariance, T_map_odom, True, track.matched,
-                         track.inlier_ratio, is_view, track.reason, max(self._at, 0))
+                         track.inlier_ratio, is_view, track.reason, max(self._at, 0), track.moved)
         return self.last
 
     def _adds_to_map(self, pose: Array) -> bool:

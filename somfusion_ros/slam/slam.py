@@ -72,14 +72,13 @@ class Slam:
                  start: Start = HERE) -> None:
         self.config, self.counters = config or SlamConfig(), Counter[str]()
         self.found, self.bend = list[Found](), Bend()   # the bend is of what is drawn only
-        self._background, self._drawn = background, start.drawn
+        self._background, self._drawn, self._is_stale = background, start.drawn, False
         self._map_lock = Lock()   # guards the mapper
         self._switch = RLock()    # held while the robot is followed, becomes lost, is found
         self._map = (FixedMap(self.config, self.counters, checkpoint)
                      if start.localization and checkpoint is not None else
                      SingleMap(self.config, self.counters, checkpoint))
         self._mapper = Mapper(self.config.resolution, self.counters)
-        self._is_stale = False    # what is drawn, as views were taken back
         self._last = self._map.last
         self._lost: Lost | None = None
         if checkpoint is not None:
@@ -90,8 +89,9 @@ class Slam:
 
     def configure(self, config: SlamConfig) -> None:
         """Change the parameters; at another resolution the map is drawn anew."""
-        self.config = config
-        self._map.configure(config)   # a piece of map keeps what it began with
+        self.config, lost = config, self._lost
+        for part in [self._map, *([lost.piece] if lost else [])]:
+            part.configure(config)
         with self._map_lock:
             if config.resolution != self._mapper.resolution:
                 self._mapper = Mapper(self.config.resolution, self.counters)
@@ -154,7 +154,7 @@ class Slam:
     @property
     def lost(self) -> str:
         """Why a lost robot is not found yet, in words; '' where it is not lost."""
-        lost = self._lost    # read once, here and below: another thread may find the robot
+        lost = self._lost    # read once, everywhere: another thread may find the robot
         return lost.reason if lost else ''
 
     def grid(self, most: int | None = None, anew: bool = False) -> Grid:
@@ -217,7 +217,7 @@ class Slam:
             step = self._map.follow(stamp, seen, odometry)
             if not self._map.astray:
                 return step
-            self._is_stale = True
+            self._is_stale = True    # what is drawn, as views were taken back
         lost = self._lost = self._lost or self._lose()
         lost.drive(odometry)
         step = lost.piece.follow(stamp, seen, odometry)
@@ -247,4 +247,4 @@ class Slam:
         """Count a scan that cannot be used."""
         self.counters[reason] += 1
         return replace(self._last or NO_STEP, stamp=scan.stamp, accepted=False, matched=False,
-                       inlier_ratio=0.0, is_view=False, reason=reason)
+                       inlier_ratio=0.0, is_view=False, reason=reason, moved=None)

@@ -14,7 +14,9 @@ class Step:
 
     stamp [s], pose T_map_base and its covariance (3, 3), T_map_odom, whether the scan could be
     used, whether it was matched and how much of it, whether it became a view, what was wrong
-    with it ('' if nothing), and the view that the pose hangs on.
+    with it ('' if nothing), the view that the pose hangs on, and the motion (3,) since the scan
+    before: as the scans show it, also of a lost robot, and whatever else moved the pose; None
+    where they do not.
     """
 
     stamp: float
@@ -27,3 +29,4 @@ class Step:
     is_view: bool
     reason: str
     view: int = 0
+    moved: Array | None = None

@@ -14,8 +14,8 @@ class Track:
 
     T_view_base (3,) from the last view, the covariance R (3, 3) with which the views after this
     one inherit its error, whether a match corrected it, the share of the scan that the match
-    explained, whether it lies near where the odometry expected it, and what was wrong, '' if
-    nothing.
+    explained, whether it lies near where the odometry expected it, what was wrong, '' if
+    nothing, and the motion (3,) since the scan before, None unless both were matched.
     """
 
     T_view_base: Array
@@ -24,6 +24,7 @@ class Track:
     inlier_ratio: float
     expected: bool
     reason: str
+    moved: Array | None = None
 
     def fits(self, least: float) -> bool:
         """Return whether a match near the prediction explains at least a share of the scan."""

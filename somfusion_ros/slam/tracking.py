@@ -41,10 +41,9 @@ class Tracker:
         self.T_view_base, self.P = np.zeros(3), np.zeros((3, 3))
         self._scale = ScaleError()
         self._velocity, self._dt = np.zeros(3), 0.0
-        self._unseen = 0.0           # [s] since the last match
-        self.usual = 0.0            # inlier ratio of late
-        self.lost = False
-        self._resumed = False
+        self._unseen, self.usual = 0.0, 0.0   # [s] since the last match, inlier ratio of late
+        self.lost = self._resumed = False
+        self.placed = False         # whether the next match tells motion only, no correction
         self._anchor, self._bursts = Anchor(), Bursts()
         self.calibration = Calibration()
 
@@ -67,11 +66,11 @@ class Tracker:
         c.turning, c.P_turning = s.turning.copy(), s.P_turning.copy()
         c.travelling, c.P_travelling = s.travelling.copy(), s.P_travelling.copy()
         self._scale.derivatives = s.scale
-        self._resumed = True
+        self._resumed, self.placed = True, False
 
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
-        self.around = local_map
+        self.around, self.placed = local_map, True
         self._anchor.reframe(self.T_view_base, np.zeros(3))
         self.P = (1.0 - INHERITED.handed_on) * seen_turned(self.P, self.T_view_base[2])
         self._scale.start_view(self.T_view_base[2])
@@ -122,7 +121,9 @@ class Tracker:
             self._velocity = between(before, self.T_view_base) / self._dt
         R = self.covariance - (1.0 - INHERITED.handed_on) * self.P
         expected = near(self.T_view_base, seed, TUNING.broke)
-        return Track(self.T_view_base, R, matched, ratio, expected, reason)
+        moved = between(before, self.T_view_base) if matched and self.placed else None
+        self.placed = matched
+        return Track(self.T_view_base, R, matched, ratio, expected, reason, moved)
 
     def _began_anew(self, scan: Cloud, odometry: Odometry) -> bool:
         """Return whether the odometry of the first scan after a restart begins at another pose."""

@@ -90,6 +90,29 @@ def test_scans_after_one_that_hardly_fits_tell_nothing_until_a_view_explains_the
     assert doubts.take_back() is not known
 
 
+@pytest.mark.parametrize('fell', [0.1, 0.25])
+def test_a_scan_that_suddenly_fits_less_makes_the_view_after_it_doubtful(fell: float) -> None:
+    """A robot put down at the other end of a hall fitted by 75 % there, and by 99 % before."""
+    graph = drive(CARRIED)
+    doubts = Doubts(graph, Counter[str]())
+    for explained in (0.99, 0.99 - fell, 0.99):
+        doubts.follow(True, explained=explained)
+    doubts.add(KNOWN, range(KNOWN - 10, KNOWN))
+    for new in range(KNOWN, graph.ekf.n):
+        doubts.judge(new, new - 2 * KNOWN)
+    assert doubts.take_back() is (fell > TUNING.fell)
+
+
+@pytest.mark.parametrize('turned', [0.2, 1.5])
+def test_walls_are_laid_on_one_another_before_what_drifted_is_judged(turned: float) -> None:
+    """Among equal rooms a robot whose heading had slipped was lost for 53 s, in its place."""
+    graph = drive(np.array([0.0, 0.0, turned]), more=TUNING.soon + 1)
+    bridge = Bridge(KNOWN, range(KNOWN - 10, KNOWN))
+    for new in range(graph.ekf.n - TUNING.views, graph.ekf.n):
+        denied = bridge.denied(new, graph.ekf, graph.clouds)
+    assert denied is (turned > 1.0)
+
+
 @pytest.mark.parametrize('soon', [True, False])
 def test_a_map_that_has_drifted_since_must_be_denied_by_more(soon: bool) -> None:
     """In half of Belgioioso 81 % of what was seen again, 12 views later, was where it was."""

@@ -216,6 +216,18 @@ def test_a_pose_by_hand_ends_the_search(mapped: tuple[Checkpoint, Slam]) -> None
     assert (np.percentile(errors, 95, axis=0) < (METRES, RADIANS)).all()
 
 
+def test_parameters_that_change_while_a_robot_is_lost_reach_it(mapped: tuple[Checkpoint, Slam]
+                                                               ) -> None:
+    """It kept those with which it got lost, until it was found."""
+    drawn = trial(SECOND, -np.pi / 2, 11)
+    slam = Slam(checkpoint=mapped[0], start=Start(anywhere=True))
+    known = slam.counters['views']
+    slam.configure(replace(slam.config, minimum_travel_distance=5.0, minimum_travel_heading=3.0))
+    run(slam, replace(drawn, scans=drawn.scans[:20]), IN_MAP)
+    assert slam.lost
+    assert slam.counters['views'] == known + 1
+
+
 @pytest.mark.parametrize('door', [0, 3])
 def test_where_rooms_look_alike_a_robot_waits_rather_than_err(door: int) -> None:
     plan = floor_plan.corridor()
