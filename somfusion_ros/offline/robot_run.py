@@ -108,7 +108,8 @@ def run_robot(log: Log, config: SlamConfig | None = None,
                     np.asarray(view_stamps), np.asarray(views),
                     Held.of(checkpoint.trail), tell(checkpoint),
                     {**faults.counts, **slam.counters, **log.counters},
-                    [*faults.notes(len(milliseconds)), *too_far(slam)], np.asarray(milliseconds),
+                    [*faults.notes(len(milliseconds)), *too_far(slam), *ended_lost(slam)],
+                    np.asarray(milliseconds),
                     log.duration, seconds, history,
                     checkpoint if beginning and len(views) else None,
                     slam.found[0] if slam.found else None)
@@ -119,6 +120,15 @@ def too_far(slam: Slam) -> list[str]:
     count = slam.counters['map_scans_too_far']
     return [f'map_scans_too_far: {count} scans are not drawn, as the map would be too large with '
             'them: the odometry may have jumped, or the resolution is too fine'] if count else []
+
+
+def ended_lost(slam: Slam) -> list[str]:
+    """Return the sentence on a robot that was lost when its log ended, if it was."""
+    stamps, _ = slam.driven()
+    if not slam.lost or not len(stamps) or stamps[-1] >= slam.last_stamp:
+        return []
+    return [f'lost: where the robot was in the last {slam.last_stamp - stamps[-1]:.1f} s of the '
+            f'log is not known, and nothing of them is in the map: {slam.lost}']
 
 
 def dense(stamps: Array, poses: Array, buffer: OdometryBuffer) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from somfusion_ros.geometry import compose
+from somfusion_ros.geometry import Array, between, compose
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.motion import mean_twist, Odometry, swept
 from somfusion_ros.slam.step import Step
@@ -43,12 +43,21 @@ class TurnRate(NamedTuple):
 
 
 class MotionGuess:
-    """Stands in for odometry: `at` predicts, `learn` takes what was matched."""
+    """
+    Stands in for odometry: `at` predicts, `learn` takes what was matched.
+
+    The speed is that from the middle of one sweep to the middle of the next. The pose at a scan's
+    stamp depends on the speed that the sweep was straightened with: where it was too fast, the
+    scan seems to lie behind, by half of what was too much in a sweep. A speed from stamp to stamp
+    would therefore be wrong the other way the next time, and by as much or more: a lidar that
+    stands still would begin to swing. The pose at the middle does not depend on it.
+    """
 
     def __init__(self) -> None:
         self._pose, self._slip, self._twist = np.zeros(3), np.zeros(4), np.zeros(3)
         self._stamp: float | None = None
         self._last: Step | None = None
+        self._to_middle = np.zeros(3)   # (3,): way from its stamp to the middle of its sweep
 
     def at(self, stamp: float) -> Odometry:
         """Predict the odometry at a stamp [s], later than all before."""
@@ -63,14 +72,16 @@ class MotionGuess:
         self._stamp = stamp
         return Odometry(stamp, self._pose, self._twist, self._slip, measured=False)
 
-    def learn(self, step: Step) -> None:
-        """Take the step that a scan made."""
+    def learn(self, step: Step, twist: Array, sweep: float) -> None:
+        """Take the step that a scan made, whose sweep [s] was straightened with a twist (3,)."""
         last, self._last = self._last, step
+        before, self._to_middle = self._to_middle, swept(twist, 0.5 * sweep)
         if last is None or not last.stamp < step.stamp:
             return
         if step.moved is not None and last.accepted:
-            twist = mean_twist(step.moved, step.stamp - last.stamp)
+            moved = between(before, compose(step.moved, self._to_middle))
+            found = mean_twist(moved, step.stamp - last.stamp)
             limit = np.array(TUNING.fastest)[[0, 0, 1]]
-            self._twist = np.clip(twist, -limit, limit)
+            self._twist = np.clip(found, -limit, limit)
         elif not step.matched:
             self._twist = 0.5 * self._twist

@@ -148,7 +148,7 @@ class Session:
         if step.reason and not scan.fault():   # a fault was counted when the scan came
             self._count(step.reason, REASONS.get(step.reason, 'a scan was not used as it should'))
         if self._guess is not None:
-            self._guess.learn(step)
+            self._guess.learn(step, paired.odometry.twist, scan.sweep)
         with self._lock:
             self._pairing.gyro.learn(step, paired.odometry.stamp + self._pairing.odometry.lag)
         return paired.tag, step

@@ -177,12 +177,11 @@ class Slam:
         return self._map.trajectory()
 
     def driven(self) -> tuple[Array, Array]:
-        """Return stamps (m,) and poses (m, 3) of this run's scans, as far as they have a place."""
-        lost = self._lost
-        if lost is not None and not self.found:
-            return lost.piece.trajectory()
-        stamps, poses = self._map.trajectory()
+        """Return stamps (m,), poses (m, 3) of this run's scans in the map, else in the piece."""
+        lost, (stamps, poses) = self._lost, self._map.trajectory()
         before = self._map.graph.trail.before
+        if lost is not None and len(stamps) == before:   # it was lost from the start
+            return lost.piece.trajectory()
         return stamps[before:], poses[before:]
 
     def checkpoint(self) -> Checkpoint:

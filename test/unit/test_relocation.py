@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, between, compose, Pose
 from somfusion_ros.grid import Grid
+from somfusion_ros.offline.robot_run import ended_lost
 from somfusion_ros.simulation import drive, floor_plan
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.trial import run_trial, SICK, simulate_trial, Trial
@@ -240,6 +241,25 @@ def test_where_rooms_look_alike_a_robot_waits_rather_than_err(door: int) -> None
     for step, true in steps:
         if step.reason != 'lost':
             assert pose_error(step.pose, true)[0] < 0.5
+
+
+def test_a_robot_that_is_lost_when_its_log_ends_has_driven_what_it_had_before() -> None:
+    """Two of a stranger's bags ended so; the trajectory held nothing but the piece."""
+    slam, first = Slam(), trial(FIRST[:2], 0.0, 3)
+    before = run(slam, first, np.zeros(3))
+    assert not ended_lost(slam)
+    carried = trial(SECOND, -np.pi / 2, 4)
+    after = run(slam, replace(carried, scans=carried.scans[:40]), IN_MAP,
+                later=before[-1][0].stamp + 1.0,
+                odometry_start=between(first.odometry[0], first.odometry[-1]))
+    assert slam.lost
+    assert not slam.found
+    stamps, poses = slam.driven()
+    known = [step for step, _ in before]
+    assert stamps[:len(known)].tolist() == [step.stamp for step in known]
+    assert pose_error(poses[len(known) - 1], known[-1].pose)[0] < 0.1
+    note, = ended_lost(slam)
+    assert f'last {after[-1][0].stamp - stamps[-1]:.1f} s' in note
 
 
 @pytest.mark.parametrize('explained, agreement, rival, believed', [
