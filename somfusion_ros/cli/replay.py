@@ -33,7 +33,8 @@ def add(commands: Commands) -> None:
     command.add_argument('--odometry-source', choices=ODOMETRY_SOURCES,
                          help='odom: nav_msgs/Odometry; encoders: two wheels in joint states; '
                               'tf: odom -> base in /tf; none: from the scans alone; auto (the '
-                              'default): the first of odom, encoders and tf in the bag')
+                              'default): the first of odom, encoders and tf in the bag, '
+                              'else none')
     command.add_argument('--laser-pose', type=pose, metavar='X,Y,THETA',
                          help='laser in the base frame [m, m, rad], instead of tf_static; '
                               'write --laser-pose=-0.1,0,0 where X is negative')

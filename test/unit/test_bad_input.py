@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from somfusion_ros.cli.main import main
 from somfusion_ros.geometry import Pose
-from somfusion_ros.io.bags.log import BagError, open_log
+from somfusion_ros.io.bags.log import BagError, BagOptions, open_log
 from somfusion_ros.io.bags.writer import BagWriter
 from somfusion_ros.offline.robot_run import run_robot
 from somfusion_ros.slam.scan import Scan
@@ -129,9 +129,17 @@ def test_without_scans(tmp_path: Path) -> None:
 
 
 def test_without_odometry(tmp_path: Path) -> None:
+    """It is mapped from the scans alone, which is said; who asks for odometry is told."""
     with BagWriter(tmp_path / 'bag') as bag:
         bag.scan(fake_scan(fake_room(), (1.0, 1.0, 0.0), 1.0))
-    assert 'no odometry' in bad_bag(tmp_path / 'bag')
+    log = open_log(tmp_path / 'bag')
+    assert log.odometry_source == 'none'
+    assert 'no odometry' in log.notes[0]
+    assert not any('no odometry' in note for note in open_log(
+        tmp_path / 'bag', BagOptions(odometry_source='none')).notes)
+    for source in ('odom', 'tf'):
+        with pytest.raises(BagError, match='no odom'):
+            open_log(tmp_path / 'bag', BagOptions(odometry_source=source))
 
 
 def test_odometry_of_another_day(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import shutil
 from helpers import DATA, write_fake_bag
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from somfusion_ros.io.bags.compression import zstd
@@ -131,21 +130,6 @@ def test_a_split_recording_whose_last_part_is_cut_off(tmp_path: Path) -> None:
     assert found == whole[:len(found)]
     assert len(found) > 0.7 * len(whole)
     assert 'mcap recover' in open_log(folder).notes[0]
-
-
-def test_a_rosbag1_without_an_index_names_the_remedy(tmp_path: Path) -> None:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    with Writer1(tmp_path / 'log.bag') as bag:
-        topic = bag.add_connection('/word', 'std_msgs/msg/String', typestore=store)
-        word = store.types['std_msgs/msg/String']('word')
-        for number in range(5):
-            bag.write(topic, number, store.serialize_ros1(word, 'std_msgs/msg/String'))
-    data = (tmp_path / 'log.bag').read_bytes()
-    (tmp_path / 'cut.bag').write_bytes(data[:len(data) // 2])
-    (tmp_path / 'log.bag.active').write_bytes(data)
-    for name in ('cut.bag', 'log.bag.active'):
-        with pytest.raises(BagError, match='rosbag reindex'):
-            open_log(tmp_path / name)
 
 
 @pytest.mark.parametrize(('case', 'least'), [('cut', 310), ('storage_id_empty', 399)])

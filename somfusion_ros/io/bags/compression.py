@@ -1,7 +1,8 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What recorders compress: whole files and messages (zstd), chunks of an mcap (zstd, lz4)."""
+"""What recorders compress: whole files and messages (zstd), chunks (zstd, lz4, bz2)."""
 
+import bz2
 from collections.abc import Sequence
 from pathlib import Path
 import shutil
@@ -48,13 +49,16 @@ def unpacked_chunk(data: bytes, compression: str, most: int) -> bytes:
     """
     Return what a chunk holds, at most so many bytes; of one that is cut off, what there is.
 
-    compression: `zstd`, `lz4` or nothing, as mcap names it; of another, and of damage, nothing.
+    compression: `zstd`, `lz4`, `bz2`, `none` or nothing, as mcap and rosbag1 name it; of another,
+    and of damage, nothing.
     """
     try:
         if compression == 'zstd':
             return zstd.ZstdDecompressor().decompress(data, most)
         if compression == 'lz4':
             return bytes(LZ4FrameDecompressor().decompress(data, most))
-    except (RuntimeError, zstd.ZstdError):
+        if compression == 'bz2':
+            return bz2.BZ2Decompressor().decompress(data, most)
+    except (OSError, RuntimeError, zstd.ZstdError):
         return b''
-    return data if not compression else b''
+    return data if compression in ('', 'none') else b''

@@ -8,6 +8,7 @@ import re
 from somfusion_ros.io.bags.compression import PACKED
 from somfusion_ros.io.errors import InputError
 
+ACTIVE = '.active'   # what rosbag adds to the name of a file that it is still writing
 SUFFIXES = ('.mcap', '.db3', '.bag')
 
 
@@ -23,10 +24,8 @@ def resolve(path: Path) -> Path:
         if path.name == 'metadata.yaml':
             return path.parent
         if not is_storage(path):
-            active = ' (a recording that was cut off: rosbag reindex)' if (
-                path.suffix == '.active') else ''
             raise BagError(f'{path}: not a bag (expected a rosbag2 folder, '
-                           f'{", ".join(SUFFIXES)}){active}')
+                           f'{", ".join(SUFFIXES)})')
         if path.stat().st_size == 0:
             raise BagError(f'{path}: empty file')
         return path
@@ -54,7 +53,12 @@ def storage_files(folder: Path) -> list[Path]:
 
 def is_storage(file: Path) -> bool:
     """Tell whether a file holds messages, by its name."""
-    return file.name.removesuffix(PACKED).endswith(SUFFIXES)
+    return kind(file) in SUFFIXES
+
+
+def kind(file: Path) -> str:
+    """Return the suffix of a file with messages: of one that is compressed, or was cut off."""
+    return Path(file.name.removesuffix(PACKED).removesuffix(ACTIVE)).suffix
 
 
 def split_name(file: Path) -> str:

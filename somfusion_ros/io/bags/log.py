@@ -18,7 +18,7 @@ from somfusion_ros.io.bags.odometry import converter, turn_rate
 from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.bags.reader import BagError, BagReader
 from somfusion_ros.io.bags.topics import (choose_odometry, choose_scan_topics, find_robots,
-                                          OdometrySource, stamp)
+                                          NO_ODOMETRY, OdometrySource, stamp)
 from somfusion_ros.io.bags.transforms import find_mounts, Mounts
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import Mount
@@ -142,6 +142,8 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
         topics = choose_scan_topics(reader, options)
         odometry = choose_odometry(reader, options)
         notes: list[str] = []
+        if odometry.kind == 'none' and options.odometry_source == 'auto':
+            notes.append(f'{reader.path}: {NO_ODOMETRY}: it is mapped from the scans alone')
         lasers = {topic: _mount_of(reader, topic, odometry.base_frame, options, notes)
                   for topic in topics}
         if len(topics) > 1 and any('is taken to sit' in note for note in notes):

@@ -11,7 +11,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 from somfusion_ros.io.bags.compression import unpacked, unpacked_message
 from somfusion_ros.io.bags.cut_mcap import CutMcap
-from somfusion_ros.io.bags.files import BagError, resolve, storage_files
+from somfusion_ros.io.bags.cut_rosbag1 import CutRosbag1
+from somfusion_ros.io.bags.files import BagError, kind, resolve, storage_files
 from somfusion_ros.io.errors import reason_of
 
 __all__ = ['BagError', 'BagReader']
@@ -41,7 +42,8 @@ class BagReader:
             try:
                 self._reader = way()
                 if way == self._open_cut:
-                    self._note(f'cut off ({reason_of(errors[-1])}): it is read as far as it goes; '
+                    self._note('cut off, or without an index that can be used '
+                               f'({reason_of(errors[-1])}): it is read as far as it goes; '
                                f'{self._remedy()} may bring more')
                 elif errors:
                     self._note(f'metadata.yaml cannot be used ({reason_of(errors[0])}): the files '
@@ -155,12 +157,14 @@ class BagReader:
         return _opened(unpacked(files, Path(self._folder.name)))
 
     def _open_cut(self) -> Any:
-        """Open mcap files that have no end."""
+        """Open mcap files that have no end, and rosbag1 files whose index cannot be used."""
         files = storage_files(self.path) if self.path.is_dir() else [self.path]
-        if not files or not all('.mcap' in file.suffixes for file in files):
-            raise ValueError('no mcap files')
+        kinds = {kind(file) for file in files}
+        if kinds not in ({'.mcap'}, {'.bag'}):
+            raise ValueError('no files that can be read in order')
         self._folder = self._folder or TemporaryDirectory(prefix='somfusion_')
-        reader = CutMcap(unpacked(files, Path(self._folder.name)))
+        paths = unpacked(files, Path(self._folder.name))
+        reader = CutMcap(paths) if kinds == {'.mcap'} else CutRosbag1(paths)
         if not reader.connections:
             raise ValueError('no message in it is whole')
         return reader
@@ -168,7 +172,7 @@ class BagReader:
     def _remedy(self) -> str:
         """Name the command that may bring more out of a damaged bag."""
         files = storage_files(self.path) if self.path.is_dir() else [self.path]
-        suffix = files[0].suffix if files else ''
+        suffix = kind(files[0]) if files else ''
         return REMEDIES.get(suffix, REMEDIES[''])
 
     def _note(self, what: str) -> None:

@@ -16,6 +16,7 @@ CLOUD = 'sensor_msgs/msg/PointCloud2'
 IMU = 'sensor_msgs/msg/Imu'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 JOINTS = 'sensor_msgs/msg/JointState'
+NO_ODOMETRY = f'no odometry (no {ODOMETRY} topic, no odom frame in /tf)'
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def _odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
 
 def _best_source(reader: BagReader, options: BagOptions
                  ) -> tuple[str, tuple[str, tuple[str, str]] | None]:
-    """Prefer an odometry topic, then encoders whose wheels are known, then /tf."""
+    """Prefer an odometry topic, then encoders whose wheels are known, then /tf, then none."""
     if options.odom_topic is not None or _found(reader, (ODOMETRY,), options.namespace):
         return 'odom', None
     encoders = bool(_found(reader, (JOINTS,), options.namespace))
@@ -126,9 +127,10 @@ def _best_source(reader: BagReader, options: BagOptions
     in_tf = odometry_frames(reader, options.namespace)
     if in_tf is not None:
         return 'tf', in_tf
-    hint = '; it has joint states: give --wheel-radius and --wheel-separation' if encoders else ''
-    raise reader.error(f'no odometry (no {ODOMETRY} topic, no odom frame in /tf){hint}; to map '
-                       'without any, give --odometry-source none')
+    if encoders:
+        raise reader.error(f'{NO_ODOMETRY}; it has joint states: give --wheel-radius and '
+                           '--wheel-separation; to map without any, give --odometry-source none')
+    return 'none', None
 
 
 def _has_own_frames(reader: BagReader, name: str) -> bool:
