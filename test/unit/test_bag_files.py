@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags as people really have them: split, compressed, with other metadata or none."""
 
+from contextlib import closing
 from pathlib import Path
 import re
 import shutil
+import sqlite3
 
 from helpers import DATA, write_fake_bag
 import numpy as np
@@ -137,3 +139,24 @@ def test_the_shared_samples(case: str, least: int) -> None:
     if not (CASES / case).exists():
         pytest.skip('the shared samples are not on this machine (set SOMFUSION_DATA)')
     assert len(stamps(CASES / case)) >= least
+
+
+def test_what_a_killed_recorder_left_in_the_journal_is_read(tmp_path: Path) -> None:
+    """A stranger's bag came with its `.db3-wal`; half of such a bag was silently left out."""
+    write_fake_bag(tmp_path / 'run', storage='sqlite3', every=4)
+    whole = stamps(tmp_path / 'run')
+    with closing(sqlite3.connect(storage(tmp_path / 'run'))) as base:
+        rows = base.execute('SELECT * FROM messages ORDER BY id').fetchall()
+        base.execute('PRAGMA journal_mode=WAL')
+        base.execute('PRAGMA wal_autocheckpoint=0')
+        base.execute('DELETE FROM messages')
+        base.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows[:100])
+        base.commit()
+        base.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+        base.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows[100:])
+        base.commit()
+        shutil.copytree(tmp_path / 'run', tmp_path / 'killed')
+    before = {file: file.read_bytes() for file in (tmp_path / 'killed').iterdir()}
+    assert stamps(tmp_path / 'killed') == whole
+    assert stamps(next((tmp_path / 'killed').glob('*.db3'))) == whole
+    assert {file: file.read_bytes() for file in (tmp_path / 'killed').iterdir()} == before

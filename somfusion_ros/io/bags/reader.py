@@ -13,6 +13,7 @@ from somfusion_ros.io.bags.compression import unpacked, unpacked_message
 from somfusion_ros.io.bags.cut_mcap import CutMcap
 from somfusion_ros.io.bags.cut_rosbag1 import CutRosbag1
 from somfusion_ros.io.bags.files import BagError, kind, resolve, storage_files
+from somfusion_ros.io.bags.journal import in_journals, merged
 from somfusion_ros.io.errors import reason_of
 
 __all__ = ['BagError', 'BagReader']
@@ -36,7 +37,8 @@ class BagReader:
 
     def __enter__(self) -> 'BagReader':
         ways: list[Callable[[], Any]] = [self._open_folder] * (
-            self.path.is_dir() and (self.path / 'metadata.yaml').exists())
+            self.path.is_dir() and (self.path / 'metadata.yaml').exists()
+            and not in_journals(storage_files(self.path)))
         errors: list[Exception] = []
         for way in [*ways, self._open_files, self._open_cut]:
             try:
@@ -154,7 +156,8 @@ class BagReader:
         if not files:
             raise ValueError('no file with messages')
         self._folder = self._folder or TemporaryDirectory(prefix='somfusion_')
-        return _opened(unpacked(files, Path(self._folder.name)))
+        folder = Path(self._folder.name)
+        return _opened(unpacked(merged(files, folder), folder))
 
     def _open_cut(self) -> Any:
         """Open mcap files that have no end, and rosbag1 files whose index cannot be used."""
