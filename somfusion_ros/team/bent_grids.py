@@ -11,7 +11,6 @@ is drawn as it is.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
@@ -37,6 +36,7 @@ class BentGridSettings:
 
 
 SETTINGS = BentGridSettings()
+TOGETHER = 1 << 20     # cells that are drawn at a time, so that a large map takes little memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,15 +93,29 @@ def warped(grid: Grid, warp: Warp) -> Grid:
     height, width = (side + 2 * margin for side in grid.shape)
     low = apply(grid.T_frame_grid, np.full((1, 2), -margin * grid.resolution))[0]
     corner = Pose(float(low[0]), float(low[1]), grid.T_frame_grid.theta)
-    rows, columns = np.indices((height, width), dtype=np.float32)
-    centres = np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5
-    wanted = apply(corner, centres * grid.resolution).T.astype(np.float32)
-    came: Array = wanted
-    for _ in range(4):     # the warp is given where it leads from, the map is drawn where to
-        came = wanted - warp.at(came)
-    local = apply(inverse(grid.T_frame_grid), came.T) / grid.resolution - 0.5
-    x, y = (axis.reshape(height, width).astype(np.float32) for axis in local.T)
-    evidence: Array = cv2.remap(
-        grid.evidence, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
-        borderValue=0.0).astype(np.float32)
+    evidence, together = np.zeros((height, width), np.float32), max(TOGETHER // width, 1)
+    columns, rows = (np.arange(side, dtype=np.float32) for side in (width, height))
+    for first in range(0, height, together):
+        band = slice(first, first + together)
+        centres = np.stack(np.meshgrid(columns, rows[band]), axis=-1).reshape(-1, 2) + 0.5
+        came = _came(warp, apply(corner, centres * grid.resolution))
+        evidence[band] = _nearest(grid, came).reshape(-1, width)
     return Grid(evidence, grid.resolution, corner)
+
+
+def _came(warp: Warp, points: Array) -> Array:
+    """Return from where a warp takes points (N, 2) [m]: it is given where it leads from."""
+    wanted = points.T.astype(np.float32)
+    came: Array = wanted
+    for _ in range(4):
+        came = wanted - warp.at(came)
+    return came.T
+
+
+def _nearest(grid: Grid, points: Array) -> Array:
+    """Return the evidence (N,) at points (N, 2) [m] of a map's frame, 0 outside the map."""
+    local = apply(inverse(grid.T_frame_grid), points) / grid.resolution - 0.5
+    column, row = np.rint(local.T.astype(np.float32)).astype(np.intp)
+    height, width = grid.shape
+    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    return np.where(inside, grid.evidence.ravel()[np.where(inside, row * width + column, 0)], 0.0)

@@ -13,6 +13,7 @@ VERSION = 1
 HEAD = struct.Struct('<BBI')      # version, letters of the session, number
 MOST_LETTERS = 32                 # of a session
 SESSIONS_KEPT = 8                 # of a robot
+GONE_KEPT = 64                    # robots that told bonds and are heard no more
 LARGEST = 1 << 20                 # bytes of a message; 64 bonds of 256 matches take a quarter
 
 
@@ -91,9 +92,15 @@ class BondHearer:
         return message.bonds
 
     def forget(self, robot: str) -> None:
-        """Keep no more of a robot than that it told bonds itself."""
+        """Keep of a robot only that it told bonds itself, and that only of the last that went."""
+        if not self._newest.get(robot, True):
+            return
+        self._newest.pop(robot, None)
         self._newest[robot] = {}
         self._taken.pop(robot, None)
+        gone = [name for name, sessions in self._newest.items() if not sessions]
+        for name in gone[:-GONE_KEPT]:
+            del self._newest[name]
 
     def robots(self) -> list[str]:
         """Return the robots of which a message came."""

@@ -88,7 +88,8 @@ class ToldBonds:
                 continue
             mine = self._asked.get(peer)
             mine = mine if mine and mine.epochs == now and _known(mine.matches, views) else None
-            key = theirs, mine, None if mine else T_own_peer[peer]
+            key = (theirs, mine, None if mine else T_own_peer[peer],
+                   views[peer], views[self._name])     # which move as more is told of them
             asked = self._apart.get(peer)
             if asked is None or asked[0] != key:
                 asked = self._apart[peer] = key, _between(mine, theirs, views, T_own_peer[peer])

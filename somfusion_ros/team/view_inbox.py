@@ -4,6 +4,7 @@
 
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
+from threading import Lock
 
 from somfusion_ros.team.bond_message import BondHearer, BondMessage
 from somfusion_ros.team.channels import BONDS, VIEWS
@@ -12,7 +13,7 @@ from somfusion_ros.team.heard import Heard
 from somfusion_ros.team.kept_views import decode_kept
 from somfusion_ros.team.view_store import MOST_BYTES
 
-MOST_BATCHES = 4096      # of one robot's path that wait
+MOST_BATCHES = 4096      # of one robot's path that wait; more are refused
 
 
 class ViewInbox:
@@ -30,15 +31,21 @@ class ViewInbox:
         self._batches: dict[str, deque[bytes]] = {}
         self._handed_on: dict[str, bytes] = {}     # bonds of robots that are gone
         self._hearer = BondHearer()
+        self._lock = Lock()     # of what waits: messages come in another thread than takes them
 
     def keep_batch(self, robot: str, data: bytes) -> None:
         """Keep what a robot told of its path; every batch counts."""
         self._note(robot, VIEWS, data)
-        waiting = self._batches.setdefault(robot, deque(maxlen=MOST_BATCHES))
-        if sum(map(len, [*waiting, data])) > MOST_BYTES:    # in one step: the worker takes some
-            self._count(f'{VIEWS}_of_{robot}_unusable', f'over {MOST_BYTES} bytes wait')
-        else:
-            waiting.append(data)
+        with self._lock:
+            waiting = self._batches.get(robot, deque())
+            full = (f'over {MOST_BYTES} bytes wait' if sum(map(len, [*waiting, data])) > MOST_BYTES
+                    else f'over {MOST_BATCHES} batches wait' if len(waiting) >= MOST_BATCHES
+                    else '')
+            if not full:
+                waiting.append(data)
+                self._batches[robot] = waiting
+        if full:
+            self._count(f'{VIEWS}_of_{robot}_unusable', full)
 
     def keep_bonds(self, robot: str, data: bytes) -> None:
         """Keep the bonds that a robot tells now, unless it told others since."""
@@ -48,7 +55,8 @@ class ViewInbox:
         except ValueError as error:
             self._count(f'{BONDS}_of_{robot}_unusable', str(error))
             return
-        self._hearer.keep(robot, message)
+        with self._lock:
+            self._hearer.keep(robot, message)
 
     def keep_kept(self, robot: str, data: bytes) -> None:
         """
@@ -73,20 +81,34 @@ class ViewInbox:
 
     def drain(self) -> None:
         """Hand all that came on; what is unusable is counted under the robot's name."""
-        for robot, batches in list(self._batches.items()):
-            while batches and self._trusted(robot):
-                self._try(robot, VIEWS, self._elastic.take_views, batches.popleft())
+        for robot in list(self._batches):
+            while self._trusted(robot) and (batch := self._next_batch(robot)) is not None:
+                self._try(robot, VIEWS, self._elastic.take_views, batch)
         for robot in list(self._handed_on):
             if self._trusted(robot):
                 self._try(robot, BONDS, self._elastic.take_bonds, self._handed_on.pop(robot))
         for robot in self._hearer.robots():
-            if self._trusted(robot):
-                heard = self._heard.get(robot)
-                bonds = self._hearer.take(robot, heard.session if heard else '')
-                if bonds is not None:
-                    self._try(robot, BONDS, self._elastic.take_bonds, bonds)
-            if robot not in self._heard:     # it is heard no more: what it told is taken
+            bonds = self._next_bonds(robot) if self._trusted(robot) else None
+            if bonds is not None:
+                self._try(robot, BONDS, self._elastic.take_bonds, bonds)
+
+    def _next_batch(self, robot: str) -> bytes | None:
+        """Take the first batch of a robot that waits; None where there is none any more."""
+        with self._lock:
+            waiting = self._batches.get(robot)
+            if waiting:
+                return waiting.popleft()
+            self._batches.pop(robot, None)
+            return None
+
+    def _next_bonds(self, robot: str) -> bytes | None:
+        """Take the bonds of a robot's present session; of one that is heard no more, the last."""
+        with self._lock:
+            heard = self._heard.get(robot)
+            bonds = self._hearer.take(robot, heard.session if heard else '')
+            if heard is None:
                 self._hearer.forget(robot)
+            return bonds
 
     def _note(self, robot: str, channel: str, data: bytes) -> None:
         """Count a message."""

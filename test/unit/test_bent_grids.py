@@ -74,3 +74,13 @@ def test_a_warp_moves_walls_by_what_it_says() -> None:
     walls = apply((0.30, -0.15, 0.0), grid.points(grid.occupied))
     assert moved.occupied.sum() == grid.occupied.sum()
     assert moved.occupied[tuple(moved.point_to_cell(walls).T)].mean() > 0.99
+
+
+@pytest.mark.parametrize('shape', [(8, 33000), (33000, 8)])
+def test_a_map_may_be_long(shape: tuple[int, int]) -> None:
+    """No image of OpenCV has sides over 32766 cells, and the map gets a margin."""
+    rng = np.random.default_rng(3)
+    grid = Grid(rng.choice([-1.0, 0.0, 1.0], shape), 0.5, Pose(3.0, 4.0, 0.0))
+    moved = warped(grid, Warp(np.tile(np.float32([[0.0, 1.0]]), (2, 2, 1)), np.zeros(2), 1e4))
+    assert np.array_equal(moved.evidence[4:4 + shape[0] - 1, 2:-2], grid.evidence[:-1])
+    assert moved.T_frame_grid == Pose(2.0, 3.0, 0.0)

@@ -5,9 +5,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from somfusion_ros.team.bond_message import BondHearer, BondMessage, BondTeller
+from somfusion_ros.team.bond_message import BondHearer, BondMessage, BondTeller, GONE_KEPT
 from somfusion_ros.team.heard import Heard
-from somfusion_ros.team.view_inbox import ViewInbox
+from somfusion_ros.team.view_inbox import MOST_BATCHES, ViewInbox
 
 SESSION = st.text('0123456789abcdef', min_size=1, max_size=32)
 
@@ -87,6 +87,8 @@ def _taking(told: list[bytes]) -> object:
     class Elastic:
         def take_bonds(self, robot: str, bonds: bytes) -> None:
             told.append(bonds)
+
+        take_views = take_bonds
     return Elastic()
 
 
@@ -99,3 +101,23 @@ def test_of_a_robot_that_is_heard_no_more_no_bonds_are_kept() -> None:
     assert hearer.take('z', 'ab') is None
     assert not hearer._taken and not any(hearer._newest.values())
     assert hearer.robots() == ['z'], 'what others hand on of it is older'
+    for number in range(2 * GONE_KEPT):
+        hearer.keep(f'z{number}', BondMessage('ab', 1, b'bonds'))
+        hearer.forget(f'z{number}')
+    hearer.keep('here', BondMessage('ab', 1, b'bonds'))
+    assert hearer.robots() == [*(f'z{number}' for number in range(GONE_KEPT, 2 * GONE_KEPT)),
+                               'here']
+
+
+def test_batches_that_are_too_many_are_refused_and_counted() -> None:
+    """The oldest would go silently; and of names that came and went nothing is left."""
+    told: list[bytes] = []
+    counted: list[str] = []
+    inbox = ViewInbox(_taking(told), {}, lambda kind, reason: counted.append(f'{kind}: {reason}'),
+                      lambda: 0.0)
+    for number in range(MOST_BATCHES + 2):
+        inbox.keep_batch('robot1', b'%d' % number)
+    assert counted == 2 * ['views_of_robot1_unusable: over 4096 batches wait']
+    inbox.drain()
+    assert told[0] == b'0' and len(told) == MOST_BATCHES
+    assert not inbox._batches

@@ -13,10 +13,11 @@ from somfusion_ros.geometry import between, compose, inverse, Pose
 from somfusion_ros.slam.checkpoint import NOTHING
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
-from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds
+from somfusion_ros.team.bond_codec import decode_bonds, encode_bonds, ToldBond
 from somfusion_ros.team.elastic_session import ElasticSession
 from somfusion_ros.team.fact_reader import FactReader
 from somfusion_ros.team.joint_map import draw_joint
+from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.kept_views import encode_kept
 from somfusion_ros.team.teller import tell, Teller
 from somfusion_ros.team.told_bonds import MOST_AUTHORS, ToldBonds
@@ -221,6 +222,20 @@ def test_bonds_of_robots_that_nobody_knows_any_more_are_forgotten() -> None:
     bonds.take('robot2', encode_bonds(()))      # before its state
     bonds.refute({}, {}, {}, 1.0, 1.0)
     assert bonds.bytes_of('robot2')
+
+
+def test_a_bond_is_judged_again_where_views_moved() -> None:
+    """A loop that a robot closes moves its views, and with them where a bond has the maps."""
+    bonds, views = ToldBonds('robot2', FactReader()), {**bent_team()[0]}
+    match = InterMatch('robot1', 0, 'robot2', 0, np.zeros(3), np.eye(3))
+    bonds.take('robot1', encode_bonds([ToldBond(
+        'robot1', 'robot2', (EPOCHS['robot1'], EPOCHS['robot2']), (match,))]))
+    there = Pose.from_array(compose(views['robot2'].poses[0], inverse(views['robot1'].poses[0])))
+    answers = []
+    for moved in (0.0, 3.0):
+        views['robot2'] = replace(views['robot2'], poses=views['robot2'].poses + (moved, 0.0, 0.0))
+        answers.append(bonds.refute(views, {'robot1': there}, EPOCHS, 1.0, 0.4))
+    assert answers == [{}, {'robot1': pytest.approx(3.0)}]
 
 
 def test_who_comes_later_gets_what_a_robot_that_is_gone_told() -> None:
