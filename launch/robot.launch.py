@@ -9,6 +9,7 @@ With slam:=slam_toolbox its own launch file is included; with slam:=none any oth
 robot may publish `map`. What a parameter file says stands unless an argument is given for it.
 """
 
+import atexit
 from pathlib import Path
 import re
 from tempfile import NamedTemporaryFile
@@ -111,6 +112,7 @@ def slam_toolbox_file(given: dict[str, str]) -> str:
     set_in_blocks(content, prefixed)
     with NamedTemporaryFile('w', prefix='slam_toolbox_', suffix='.yaml', delete=False) as made:
         yaml.safe_dump(content, made)
+    atexit.register(Path(made.name).unlink, missing_ok=True)   # when the launch ends
     return made.name
 
 

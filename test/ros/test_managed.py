@@ -3,6 +3,7 @@
 """A managed node gives back what a state created, and answers whatever happens in a service."""
 
 from collections.abc import Iterator
+from threading import Event, Thread
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,11 +13,14 @@ import pytest
 need_ros()
 
 import rclpy  # noqa: E402, I100
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from somfusion_ros.ros.common import qos  # noqa: E402
 from somfusion_ros.ros.common.entities import Entities  # noqa: E402
 from somfusion_ros.ros.common.managed import ManagedNode  # noqa: E402
+from somfusion_ros.ros.common.runtime import _spin_until  # noqa: E402
+from somfusion_ros.ros.fusion.node import FusionNode  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
@@ -75,6 +79,20 @@ def test_a_step_that_fails_is_undone(node: ManagedNode) -> None:
         node.autostart()
 
 
+def test_a_fusion_node_whose_activation_fails_can_be_activated_again(
+        ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rclpy.init(args=['--ros-args', '-r', '__ns:=/robot1', '-p', 'autostart:=false'])
+    node = FusionNode()
+    assert node.trigger_configure() is TransitionCallbackReturn.SUCCESS
+    with monkeypatch.context() as patched:
+        patched.setattr('somfusion_ros.ros.fusion.node.Discovery', lambda *_: 1 / 0)
+        assert node.trigger_activate() is TransitionCallbackReturn.FAILURE
+    assert node.trigger_activate() is TransitionCallbackReturn.SUCCESS
+    assert node.close(5.0)
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
 def test_why_a_node_does_not_start_is_said_once(node: ManagedNode,
                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     """By the process, in its last line; a manager, who starts it later, reads it in the log."""
@@ -103,6 +121,33 @@ def test_calls_that_wait_are_answered_when_the_node_is_deactivated(node: Managed
         task.send(None)
     assert not ended.value.value.success
     assert 'deactivated' in ended.value.value.message
+
+
+@pytest.mark.parametrize(('job_ends', 'words'), [(True, 'done'), (False, 'the node is ending')])
+def test_calls_that_wait_are_answered_when_the_process_ends(job_ends: bool, words: str,
+                                                            node: ManagedNode) -> None:
+    """A client would wait for ever; a job that is nearly done is waited for."""
+    node.autostart()
+    node.serve(Trigger, 'work', lambda request: 'done')
+    jobs: list[Any] = []
+    node.submit = jobs.append
+    caller, theirs, stop = rclpy.create_node('caller'), SingleThreadedExecutor(), Event()
+    theirs.add_node(caller)
+    client = caller.create_client(Trigger, 'work')
+    spinning = Thread(target=_spin_until, args=(node, stop))
+    spinning.start()
+    assert client.wait_for_service(10.0)
+    answer = client.call_async(Trigger.Request())
+    while not jobs:
+        theirs.spin_once(0.01)
+    stop.set()
+    if job_ends:
+        jobs[0]()
+    theirs.spin_until_future_complete(answer, 5.0)
+    spinning.join()
+    assert answer.done() and words in answer.result().message
+    jobs[0]()      # too late: nobody minds
+    caller.destroy_node()
 
 
 def test_a_clock_that_does_not_come_is_named(node: ManagedNode) -> None:

@@ -3,6 +3,7 @@
 """The smaller parts of the nodes: diagnostics, drawing, the player."""
 
 from dataclasses import replace
+from functools import partial
 import logging
 from pathlib import Path
 import shutil
@@ -33,12 +34,13 @@ from somfusion_ros.node_config import SlamNodeConfig  # noqa: E402
 from somfusion_ros.offline.beginning import Beginning  # noqa: E402
 from somfusion_ros.offline.result_bag import ResultBag  # noqa: E402
 from somfusion_ros.report.watch_view import HeardTeam  # noqa: E402
-from somfusion_ros.ros.apps import player  # noqa: E402
+from somfusion_ros.ros.apps import player, player_options  # noqa: E402
 from somfusion_ros.ros.apps.recording import ODOMETRY_IN_TF, Recording  # noqa: E402
 from somfusion_ros.ros.apps.watch import WatchNode  # noqa: E402
 from somfusion_ros.ros.common.conversions import transform_message  # noqa: E402
 from somfusion_ros.ros.common.diagnostics import Faults, status, text  # noqa: E402
 from somfusion_ros.ros.common.optional_types import message_type  # noqa: E402
+from somfusion_ros.ros.common.peers import find_robots  # noqa: E402
 from somfusion_ros.ros.common.tf import Broadcaster, Mounts  # noqa: E402
 from somfusion_ros.ros.fusion.frames import Frames  # noqa: E402
 from somfusion_ros.ros.fusion.markers import team_markers  # noqa: E402
@@ -358,6 +360,35 @@ def test_the_player_plays_the_odometry_that_is_in_tf_alone(tmp_path: Path) -> No
     assert 'no odometry to play' in Recording(tmp_path / 'none').notes[0]
 
 
+def test_the_player_plays_the_scans_and_the_odometry_that_are_named(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'two') as bag:
+        for number in range(2):
+            bag.odometry(1.0 + number, (0.0, 0.0, 0.0))
+            for topic in ('/front', '/back'):
+                scan = fake_scan(fake_room(), (2.0, 2.0, 0.0), 1.0 + number)
+                bag.scan(replace(scan, range_max=5.0) if topic == '/back' else scan, topic=topic)
+    with pytest.raises(ValueError, match='which of /back, /front is .*Name it by --scan-topic'):
+        Recording(tmp_path / 'two')
+    with pytest.raises(ValueError, match=r'no laser scans on topic left \(found: /back, /front'):
+        Recording(tmp_path / 'two', 'left')
+    for name in ('back', '/back'):
+        recording = Recording(tmp_path / 'two', name, 'odom')
+        scans = [deserialize_message(r.data, LaserScan) for r in recording.records()
+                 if r.msgtype == recording.scans]
+        assert [scan.range_max for scan in scans] == [5.0, 5.0]
+        assert 'nav_msgs/msg/Odometry' in recording.msgtypes
+
+
+@pytest.mark.parametrize(('given', 'topics'), [
+    ([], [None, None]), (['--scan-topic', 'front'], ['front', 'front']),
+    (['--scan-topic', 'front', 'base'], ['front', 'base'])])
+def test_topics_are_named_for_all_bags_or_each(given: list[str], topics: list[str | None]) -> None:
+    options = player_options.parse(['a', 'b', *given])
+    assert player.each(options.scan_topic, options) == topics
+    with pytest.raises(SystemExit):
+        player_options.parse(['a', 'b', '--scan-topic', 'x', 'y', 'z'])
+
+
 def test_the_core_logs_nothing_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
     logging.getLogger('somfusion_ros').warning('unheard')
     assert 'unheard' not in capsys.readouterr().err
@@ -508,6 +539,25 @@ def test_watch_shows_what_the_teams_nodes_say_and_no_driver() -> None:
         'robot1/slam_node', 'robot1/fusion_node: robot2', 'hokuyo: connection', 'Nav2 Health')]
     WatchNode._on_diagnostics(watch, message)
     assert list(watch._team.health) == ['robot1/slam_node', 'robot1/fusion_node: robot2']
+
+
+@pytest.mark.parametrize(('robot', 'below', 'shown'), [
+    ('robot1', '/robot1', 'robot1'), ('', '', '/')])
+def test_watch_listens_to_a_robot_in_the_root_namespace_too(robot: str, below: str, shown: str
+                                                            ) -> None:
+    topics = [(f'{below}/map', ['nav_msgs/msg/OccupancyGrid']), ('/scan', ['x']),
+              ('/robot1/global_map', ['nav_msgs/msg/OccupancyGrid']), ('/map', ['x'])]
+    assert find_robots(topics, 'map', 'nav_msgs/msg/OccupancyGrid') == [robot]
+    heard: dict[str, Any] = {}
+    watch = SimpleNamespace(
+        _options=SimpleNamespace(map_topic='map'), _team=HeardTeam(),
+        create_subscription=lambda kind, topic, take, profile: heard.update({topic: take}))
+    watch._on_map = watch._on_transform = print
+    watch._on_pose = partial(WatchNode._on_pose, watch)
+    WatchNode._listen(watch, robot)
+    assert set(heard) == {f'{below}/{name}' for name in ('map', 'relative_transforms', 'pose')}
+    heard[f'{below}/pose'](PoseWithCovarianceStamped())
+    assert watch._team.poses == {shown: Pose()}
 
 
 def test_watch_passes_over_places_that_are_none() -> None:

@@ -35,9 +35,10 @@ class Publisher:
 
 def test_a_peer_is_shown_to_those_who_look_as_it_changes() -> None:
     made: dict[str, Publisher] = {}
+    gone: list[Publisher] = []
     clock = SimpleNamespace(now=lambda: SimpleNamespace(to_msg=Time))
     node = SimpleNamespace(create_publisher=lambda kind, name, profile: made.setdefault(
-        name, Publisher()), get_clock=lambda: clock)
+        name, Publisher()), get_clock=lambda: clock, destroy_publisher=gone.append)
     maps = {'robot2': SharedMap(fake_grid(fake_room()))}
     session = SimpleNamespace(shown_maps=lambda: maps)
     heard = {'robot2': Heard()}
@@ -69,3 +70,12 @@ def test_a_peer_is_shown_to_those_who_look_as_it_changes() -> None:
     last = path.messages[-1].poses[-1]
     assert last.header.frame_id == 'robot2/map'
     assert last.pose.position.x == heard['robot2'].trail[-1][0]
+
+    told = len(shown.messages)
+    topics.offer(['robot1'])     # it is connected no more: its frame is in no tree
+    assert set(gone) == set(made.values())
+    topics.publish()
+    assert len(shown.messages) == told
+    topics.offer(['robot1', 'robot2'])
+    topics.publish()
+    assert len(shown.messages) == told + 1, 'whoever still looks gets the map again'

@@ -363,3 +363,12 @@ def test_a_robot_that_floods_takes_nobody_elses_place() -> None:
     inbox.keep_transform('b', 'a', 0, lambda content: content)
     waiting = Counter(robot for robot, _ in inbox._unread.addresses())
     assert waiting == {'z': MOST_TRANSFORMS, 'b': 1}
+
+
+def test_where_the_map_of_a_robot_lay_is_forgotten_with_it() -> None:
+    """Else a name that came back years later would have jumped; and names come and go."""
+    session = Listener().session
+    for peer in ('z', 'ghost'):
+        session._jumps.look(peer, Pose())
+    session.refresh({'z'})
+    assert session._jumps.peers() == ['z']

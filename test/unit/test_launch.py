@@ -155,9 +155,11 @@ def test_robots_that_share_one_tf_get_prefixed_frames(started: Started) -> None:
 @pytest.mark.parametrize('text', ['', '/**:\n  ros__parameters: {map_frame: map, mode: mapping}',
                                   'robot1:\n  slam_toolbox:\n    ros__parameters: {}',
                                   '# nothing', '/**:\n  ros__parameters:'])
-def test_slam_toolbox_gets_prefixed_frames_whatever_its_file_says(text: str, started: Started,
-                                                                  tmp_path: Path) -> None:
+def test_slam_toolbox_gets_prefixed_frames_whatever_its_file_says(
+        text: str, started: Started, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a file says goes before what launch sets beside it; its own default is for no robot."""
+    last: list[Any] = []
+    monkeypatch.setattr('atexit.register', lambda job, *_, **__: last.append(job) or job)
     own = tmp_path / 'own.yaml'
     own.write_text(text)
     assert launch('robot.launch.py', namespace='robot1', slam='slam_toolbox', shared_tf='true',
@@ -166,6 +168,12 @@ def test_slam_toolbox_gets_prefixed_frames_whatever_its_file_says(text: str, sta
     assert (found['map_frame'], found['odom_frame'], found['base_frame']) == (
         'robot1/map', 'robot1/odom', 'robot1/base_link')
     assert found.get('mode', 'mapping') == 'mapping'
+    command = started.commands[0]
+    made = Path(command[command.index('--params-file') + 1])
+    for job in last:
+        if getattr(job, '__self__', None) == made:
+            job()
+    assert not made.exists(), 'it is of no use once the launch has ended'
 
 
 def test_a_team_of_any_size(started: Started) -> None:

@@ -250,6 +250,20 @@ def test_a_view_that_is_taken_back_while_it_is_matched_closes_no_loop():
     assert len(graph.constraints) == 1
 
 
+def test_a_view_that_is_taken_back_meanwhile_is_not_judged(monkeypatch):
+    """It shows nothing, and would deny what holds it."""
+    graph = ViewGraph(straight(40, 0.01), clouds_of(np.zeros((40, 3))))
+    graph.centres, graph.stamps = [np.zeros(2)] * 40, [0.0] * 40
+    judged, taken_back = [], set()
+    closer = LoopCloser(graph, Lock(), CONFIG, Counter())
+    monkeypatch.setattr(closer, '_relinearise', lambda: graph.hidden.update(taken_back))
+    monkeypatch.setattr(closer.doubts, 'judge', lambda view, newest: judged.append(view))
+    for taken_back in (set(), {39}):
+        graph.to_close.append(39)
+        assert closer.work()
+    assert judged == [39]
+
+
 def test_a_view_that_is_added_meanwhile_does_not_disturb_a_loop():
     """Which views follow one another is read under the lock, as a scan may add one."""
     graph = ViewGraph(straight(40, 0.01), clouds_of(np.zeros((40, 3))))

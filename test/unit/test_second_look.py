@@ -6,7 +6,7 @@ from benchmarks.slam.carried import carried, LASERS
 import numpy as np
 import pytest
 from somfusion_ros.geometry import Array, compose
-from somfusion_ros.slam.checkpoint import Checkpoint
+from somfusion_ros.slam.checkpoint import Checkpoint, NOTHING
 from somfusion_ros.slam.second_look import SecondLook
 from somfusion_ros.slam.slam import Slam
 from test_relocation import FIRST, run, trial
@@ -51,6 +51,14 @@ def test_views_of_what_the_map_does_not_show_stay(mapped: Checkpoint) -> None:
     """The room was not seen before; it is not sought where it agrees with all that was."""
     first = int(np.argmax(mapped.poses[:, 1] > 0.8))
     assert not looked(mapped, first, first + 12, np.zeros(3))
+
+
+@pytest.mark.filterwarnings('error')
+def test_views_that_see_nothing_are_not_judged(mapped: Checkpoint) -> None:
+    """As where all of them were taken back: a share of no points is no number."""
+    n = len(mapped.poses)
+    look = SecondLook(mapped.poses, n * [NOTHING], mapped.scans, 0.05)
+    assert not look.elsewhere(n - 12)
 
 
 def test_few_views_are_not_judged(mapped: Checkpoint) -> None:

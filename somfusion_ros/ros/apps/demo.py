@@ -73,6 +73,9 @@ def demonstrate(options: argparse.Namespace) -> None:
     if not bags:
         bags, truth = _simulated(folder / 'simulation', options.seed)
     logs = {f'robot{n}': open_log(bag) for n, bag in enumerate(bags, start=1)}
+    for robot, log in logs.items():
+        if len(log.lasers) > 1:
+            say(f'{robot}: of its lasers, {log.scan_topic}, only the first is played')
     reference = _replayed(folder / 'replay', bags) if options.compare else truth
     prepared = time.monotonic()
     say(f'playing {len(logs)} bags at {options.rate:g} times real time into '

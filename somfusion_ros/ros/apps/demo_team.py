@@ -118,7 +118,13 @@ def _start(processes: Processes, logs: Mapping[str, Log], folder: Path, rate: fl
     for robot, log in logs.items():
         processes.start(f'player_{robot}', 'somfusion_ros.ros.apps.player',
                         [str(log.path), '--rate', str(rate), '--wait', str(START_TIMEOUT),
-                         '--ros-args', '-r', f'__ns:=/{robot}'])
+                         *_topics(log), '--ros-args', '-r', f'__ns:=/{robot}'])
+
+
+def _topics(log: Log) -> list[str]:
+    """Return what the player is to play of a bag: the first laser, whose mount slam_node gets."""
+    odometry = ['--odom-topic', log.odometry.topic] if log.odometry.kind == 'odom' else []
+    return ['--scan-topic', next(iter(log.lasers)), *odometry]
 
 
 def _slam_parameters(log: Log) -> list[str]:

@@ -90,7 +90,9 @@ class PlayerNode(Node):
     def __init__(self, options: argparse.Namespace, stop: threading.Event) -> None:
         super().__init__('player')
         self._options, self._stop = options, stop
-        self._recordings = [Recording(bag) for bag in options.bags]
+        self._recordings = [Recording(bag, *topics) for bag, *topics in zip(
+            options.bags, each(options.scan_topic, options), each(options.odom_topic, options),
+            strict=True)]
         align(self._recordings)
         self._said: set[str] = set()
         self._say_notes()
@@ -168,6 +170,12 @@ class PlayerNode(Node):
             if all(robot.heard() for robot in self._robots):
                 self._stop.wait(SETTLE)
                 return
+
+
+def each(topics: list[str], options: argparse.Namespace) -> list[str | None]:
+    """Return the topic that was named for each bag; None where it is to be found."""
+    found: list[str | None] = [*topics] or [None]
+    return found * (1 if len(found) > 1 else len(options.bags))
 
 
 def prefixes(options: argparse.Namespace) -> list[str]:

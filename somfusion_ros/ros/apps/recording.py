@@ -30,6 +30,7 @@ ODOMETRY_IN_TF = 'odometry in TFMessage'   # stands for a type
 STORE = get_typestore(Stores.ROS2_JAZZY)
 USUAL_NAMES = {**dict.fromkeys(LASERS, 'scan'), CLOUD: 'points', ODOMETRY: 'odom',
                JOINTS: 'joint_states'}
+OPTIONS = {'--scan-topic': SCANS, '--odom-topic': (ODOMETRY,)}     # of the player
 STAMP = struct.Struct('<iI')   # seconds and nanoseconds of a header, behind CDR's own four bytes
 STAMP_OFFSET = 4
 CLOCKS_AGREE = 10 ** 9         # [ns] by which stamps may differ from the times of recording
@@ -48,21 +49,26 @@ class Recording:
     One robot's bag, opened; ValueError with a sentence where it cannot be played.
 
     msgtypes: what it holds of what is played; scans: that of the scans; start, end: of the
-    recording [ns]; shift [ns] is added to all times; notes: sentences on what was mended.
+    recording [ns]; shift [ns] is added to all times; notes: sentences on what was mended. The
+    topics of scans and odometry are found, unless they are named.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, scan_topic: str | None = None,
+                 odom_topic: str | None = None) -> None:
         self._path = path
         self.shift = 0
         self._bag = BagReader(path)
         self._bag.__enter__()
         self._types = self._bag.types()
-        scans = next((kind for kind in SCANS if kind in self._types.values()), None)
-        if scans is None:
+        named = [*self._named(scan_topic, SCANS, 'laser scans'),
+                 *self._named(odom_topic, (ODOMETRY,), 'odometry')]
+        kinds = [kind for kind in SCANS if kind in self._types.values()]
+        if not kinds:
             raise ValueError(f'{path}: no laser scans to play (none of {", ".join(SCANS)})')
-        self.scans: str = scans
-        self._topics = {topic: kind for kind in (scans, ODOMETRY, JOINTS, IMU, TRANSFORMS)
-                        for topic in self._choose(kind)}
+        self.scans = next((self._types[topic] for topic in named
+                           if self._types[topic] in SCANS), kinds[0])
+        self._topics = {topic: kind for kind in (self.scans, ODOMETRY, JOINTS, IMU, TRANSFORMS)
+                        for topic in self._choose(kind, named)}
         self.notes = self._bag.notes
         self._frames = ('', '')     # of the odometry, where that is in /tf
         if not {ODOMETRY, JOINTS} & set(self._topics.values()):
@@ -86,9 +92,23 @@ class Recording:
             if data:
                 yield Record(time + self.shift, msgtype, data)
 
-    def _choose(self, msgtype: str) -> list[str]:
+    def _named(self, wanted: str | None, kinds: Sequence[str], what: str) -> list[str]:
+        """Return the topic of a name, with or without its first slash; [] if none is wanted."""
+        if wanted is None:
+            return []
+        found = sorted(topic for topic, kind in self._types.items() if kind in kinds)
+        named = [topic for topic in found if topic.strip('/') == wanted.strip('/')]
+        if not named:
+            raise ValueError(f'{self._path}: no {what} on topic {wanted} (found: '
+                             f'{", ".join(found) or "none"})')
+        return named
+
+    def _choose(self, msgtype: str, wanted: Sequence[str]) -> list[str]:
         """Choose the topic of a type; of the transforms only those that never change."""
         topics = sorted(topic for topic, kind in self._types.items() if kind == msgtype)
+        asked = [topic for topic in topics if topic in wanted]
+        if asked:
+            return asked
         if msgtype == TRANSFORMS:
             return [topic for topic in topics if topic.endswith('tf_static')]
         if msgtype == IMU:
@@ -96,8 +116,10 @@ class Recording:
         named = [t for t in topics if t.rpartition('/')[2] == USUAL_NAMES[msgtype]]
         chosen = next((few for few in (topics, named) if len(few) == 1), [])
         if topics and not chosen:
+            hint = next((f'Name it by {name}' for name, kinds in OPTIONS.items()
+                         if msgtype in kinds), 'Leave one of them in the bag')
             raise ValueError(f'{self._path}: which of {", ".join(topics)} is to be played as '
-                             f'{USUAL_NAMES[msgtype]}? Leave one of them in the bag')
+                             f'{USUAL_NAMES[msgtype]}? {hint}')
         return chosen
 
     def _look_in_transforms(self) -> None:

@@ -28,7 +28,7 @@ from somfusion_ros.ros.apps.watch_options import parse
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
 from somfusion_ros.ros.common.parameter_sets import SETS
-from somfusion_ros.ros.common.peers import find_peers, robot_of
+from somfusion_ros.ros.common.peers import find_robots, robot_of
 from somfusion_ros.ros.common.runtime import plain_args, run
 from somfusion_ros.whole_files import write_text
 
@@ -70,8 +70,8 @@ class WatchNode(Node):
 
     def _draw(self) -> None:
         """Listen to new robots and show what is known."""
-        for robot in find_peers(self.get_topic_names_and_types(), self._options.map_topic,
-                                names.MAP_TYPE, '', ()):
+        for robot in find_robots(self.get_topic_names_and_types(), self._options.map_topic,
+                                 names.MAP_TYPE):
             if robot not in self._heard:
                 self._heard.add(robot)
                 self._listen(robot)
@@ -86,12 +86,13 @@ class WatchNode(Node):
         return view(self._team, self._console.width, self._console.height)
 
     def _listen(self, robot: str) -> None:
-        """Subscribe to one robot."""
-        self.create_subscription(OccupancyGrid, f'/{robot}/{self._options.map_topic}',
+        """Subscribe to one robot; '' is the one in the root namespace, which is shown as /."""
+        below, robot = f'/{robot}' if robot else '', robot or '/'
+        self.create_subscription(OccupancyGrid, f'{below}/{self._options.map_topic}',
                                  partial(self._on_map, robot), qos.LATCHED)
-        self.create_subscription(TransformStamped, f'/{robot}/{names.RELATIVE_TRANSFORMS}',
+        self.create_subscription(TransformStamped, f'{below}/{names.RELATIVE_TRANSFORMS}',
                                  partial(self._on_transform, robot), qos.LATCHED_PER_PAIR)
-        self.create_subscription(PoseWithCovarianceStamped, f'/{robot}/{names.ROBOT_POSE}',
+        self.create_subscription(PoseWithCovarianceStamped, f'{below}/{names.ROBOT_POSE}',
                                  partial(self._on_pose, robot), qos.STREAM)
 
     def _on_map(self, robot: str, message: OccupancyGrid) -> None:

@@ -10,6 +10,7 @@ The ways back undo just that. With `autostart` it takes both steps by itself.
 
 from collections.abc import Callable
 from functools import partial
+import time
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -24,6 +25,8 @@ from somfusion_ros.ros.common.parameters import warn_of_unknown
 LOOK_PERIOD = 1.0             # [s] between two looks at the clock
 PATIENCE = 2.0                # [s] without a clock before that is said
 DEACTIVATION_TIMEOUT = 30.0   # [s] that the threads are given to finish their piece of work
+LAST_CALLS = 0.5              # [s] that calls which wait are given when the process ends
+ANSWER_TIME = 0.1             # [s] for an answer to leave
 Answer = tuple[bool, str]     # whether a job went well, and its result or the reason
 
 
@@ -95,6 +98,22 @@ class ManagedNode(LifecycleNode):
         """Stop the threads at the end of the process; return whether they ended in time."""
         return self.deactivate(timeout) if self.active else True
 
+    def answer_last_calls(self) -> None:
+        """Wait for calls of services, while others spin; those that take long are refused."""
+        if not self._pending:
+            return
+        self._wait_for_calls(LAST_CALLS)
+        for done in tuple(self._pending):
+            self._answer(done, (False, 'the node is ending'))
+        self._wait_for_calls(LAST_CALLS)
+        time.sleep(ANSWER_TIME)
+
+    def _wait_for_calls(self, timeout: float) -> None:
+        """Wait until no call waits any more, for a time [s]."""
+        until = time.monotonic() + timeout
+        while self._pending and time.monotonic() < until:
+            time.sleep(0.1 * ANSWER_TIME)
+
     def every(self, period: float, callback: Callable[[], None]) -> None:
         """Call back by a steady clock [s] while the node is active."""
         self.active_part.create_timer(period, callback, clock=self._steady)
@@ -113,7 +132,7 @@ class ManagedNode(LifecycleNode):
         if self.active:
             done = Future(executor=self.executor)
             self._pending.add(done)
-            self.submit(lambda: done.set_result(self._outcome(partial(job, request))))
+            self.submit(lambda: self._answer(done, self._outcome(partial(job, request))))
             success, message = await done
             self._pending.discard(done)
         else:
@@ -127,6 +146,13 @@ class ManagedNode(LifecycleNode):
         else:   # nav2_msgs
             response.result = success
         return response
+
+    def _answer(self, done: Future, answer: Answer) -> None:
+        """Answer a call that waits, at once, unless that was done."""
+        if not done.done():
+            done.set_result(answer)
+            if self.executor is not None:
+                self.executor.wake()     # else it looks when something else happens
 
     def _outcome(self, job: Callable[[], str]) -> Answer:
         """Run the job of a service; whatever happens, there is an answer."""
@@ -168,8 +194,8 @@ class ManagedNode(LifecycleNode):
         self.active = False
         self.active_part.destroy_all()
         self.deactivate(DEACTIVATION_TIMEOUT)
-        for done in self._pending:
-            done.set_result((False, 'the node was deactivated'))
+        for done in tuple(self._pending):
+            self._answer(done, (False, 'the node was deactivated'))
 
     def _undo_configure(self) -> None:
         self.configured_part.destroy_all()

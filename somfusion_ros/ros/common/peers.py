@@ -37,6 +37,13 @@ def find_peers(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: st
     return sorted(found & wanted if wanted else found)
 
 
+def find_robots(topics: Iterable[tuple[str, list[str]]], last_name: str, kind: str) -> list[str]:
+    """Return the namespaces in which a topic is published, as find_peers does, and '' for none."""
+    topics = list(topics)
+    root = any(topic == f'/{last_name}' and kind in types for topic, types in topics)
+    return [*([''] if root else []), *find_peers(topics, last_name, kind, '', ())]
+
+
 def robot_of(frame: str) -> str:
     """Name of the robot to which a map frame `<robot>/map` belongs."""
     return frame.strip('/').rpartition('/')[0]

@@ -34,8 +34,8 @@ def run(make_node: Callable[[threading.Event], Any], args: list[str] | None = No
     Make a node, spin it until a signal or until it sets the stop event, and return a status.
 
     Of a node more is needed than rclpy has: close(timeout) stops its workers and returns whether
-    all of them ended in time; begin(arguments), if there is one, is called once it is made;
-    status, if there is one, is the exit status.
+    all of them ended in time; begin(arguments), if there is one, is called once it is made, and
+    answer_last_calls() before it spins no more; status, if there is one, is the exit status.
 
     A ValueError, a bad name or a bad parameter while the node is made is a sentence and status 1,
     as are arguments of ROS and parameter files that rclpy cannot read.
@@ -100,6 +100,8 @@ def _spin_until(node: Any, stop: threading.Event) -> bool:
     thread = threading.Thread(target=_spin, args=(executor, node, stop), daemon=True)
     thread.start()
     stop.wait()
+    if hasattr(node, 'answer_last_calls'):
+        node.answer_last_calls()
     executor.shutdown(STOP_TIMEOUT)
     thread.join(STOP_TIMEOUT)
     return node.close(STOP_TIMEOUT) and not thread.is_alive()

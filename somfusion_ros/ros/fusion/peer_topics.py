@@ -9,6 +9,7 @@ only while somebody looks.
 """
 
 from collections.abc import Mapping
+from threading import Lock
 from typing import Any
 
 from nav_msgs.msg import OccupancyGrid, Path
@@ -33,9 +34,14 @@ class PeerTopics:
         self._node, self._frames, self._session, self._heard = node, frames, session, heard
         self._publishers: dict[tuple[str, str], Any] = {}
         self._shown: dict[tuple[str, str], Any] = {}
+        self._lock = Lock()     # of the publishers: they go in another thread than they are used
 
     def offer(self, peers: list[str]) -> None:
-        """Make topics for the peers that are connected now."""
+        """Make topics for the peers that are connected now; those of others go."""
+        for key in [key for key in self._publishers if key[0] not in peers]:
+            with self._lock:
+                self._node.destroy_publisher(self._publishers.pop(key))
+                self._shown.pop(key, None)
         for peer in peers:
             for topic, kind in KINDS.items():
                 if peer != self._frames.robot and (peer, topic) not in self._publishers:
@@ -45,14 +51,19 @@ class PeerTopics:
     def publish(self) -> None:
         """Publish what changed and what somebody began to look at."""
         maps = self._session.shown_maps()
-        for (peer, topic), publisher in list(self._publishers.items()):
-            looking, shared = publisher.get_subscription_count(), maps.get(peer)
+        for peer, topic in list(self._publishers):
+            shared = maps.get(peer)
             newest = self._last_place(peer) if topic == names.PATH else shared
-            last_looking, last = self._shown.get((peer, topic), (0, None))
-            if looking and newest and (looking > last_looking or newest is not last):
-                publisher.publish(self._message(peer, topic, shared))
-                last = newest
-            self._shown[peer, topic] = looking, last
+            with self._lock:
+                publisher = self._publishers.get((peer, topic))
+                if publisher is None:
+                    continue
+                looking = publisher.get_subscription_count()
+                last_looking, last = self._shown.get((peer, topic), (0, None))
+                if looking and newest and (looking > last_looking or newest is not last):
+                    publisher.publish(self._message(peer, topic, shared))
+                    last = newest
+                self._shown[peer, topic] = looking, last
 
     def _last_place(self, peer: str) -> tuple[float, float] | None:
         """Return the newest place on a peer's way, the same object until there is another."""
