@@ -17,29 +17,25 @@ so that a day takes 20 minutes to compute. With a STATE, at last its length, and
 the seconds of CPU to read it, to be ready for the first scan, and to draw it. Asserts nothing.
 """
 
+from collections import deque
+from dataclasses import dataclass, field, replace
 import os
-import resource
 import sys
 import time
+from types import FunctionType, ModuleType
+from typing import Any
 
-for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ.setdefault(name, '1')
-
-from collections import deque  # noqa: E402, I100
-from dataclasses import dataclass, field, replace  # noqa: E402
-from types import FunctionType, ModuleType  # noqa: E402
-from typing import Any  # noqa: E402
-
-from benchmarks.data.errands import World, WORLDS  # noqa: E402
-import numpy as np  # noqa: E402
-from somfusion_ros.geometry import Array, between, compose, difference  # noqa: E402
-from somfusion_ros.simulation import drive  # noqa: E402
-from somfusion_ros.simulation.trial import ODOMETRY_EVERY, SICK, simulate_trial  # noqa: E402
-from somfusion_ros.slam.checkpoint_file import CheckpointFile, load_checkpoint  # noqa: E402
-from somfusion_ros.slam.config import SlamConfig  # noqa: E402
-from somfusion_ros.slam.motion import Odometry  # noqa: E402
-from somfusion_ros.slam.scan import Scan  # noqa: E402
-from somfusion_ros.slam.slam import Slam  # noqa: E402
+from benchmarks.data.errands import World, WORLDS
+from benchmarks.memory import held_bytes
+import numpy as np
+from somfusion_ros.geometry import Array, between, compose, difference
+from somfusion_ros.simulation import drive
+from somfusion_ros.simulation.trial import ODOMETRY_EVERY, SICK, simulate_trial
+from somfusion_ros.slam.checkpoint_file import CheckpointFile, load_checkpoint
+from somfusion_ros.slam.config import SlamConfig
+from somfusion_ros.slam.motion import Odometry
+from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.slam import Slam
 
 ROW = 0.5         # [h] of a row, about
 DRIVE = 0.05      # [h] that are simulated at once
@@ -144,12 +140,6 @@ def size_of(thing: Any, seen: set[int]) -> int:
     return size + sum(size_of(part, seen) for part in parts)
 
 
-def memory() -> float:
-    """Memory [MB] that the process holds now."""
-    with open('/proc/self/statm') as file:
-        return int(file.read().split()[1]) * resource.getpagesize() / 2 ** 20
-
-
 def restart(life: Life, path: str) -> None:
     """Write the state, go on from it, and print what that takes."""
     file = CheckpointFile(path)
@@ -173,7 +163,7 @@ def row(life: Life, told: Told) -> str:
     path, drawn = 1e3 * np.array(told.path), 1e3 * np.array(told.drawn)
     showing = sum(len(cloud) > 0 for cloud in state.clouds)
     return (f'{life.clock / 3600.0:6.2f} {life.metres / 1e3:6.2f} {showing:6} '
-            f'{len(state.scans):6} {held:6.1f} {memory():6.0f} {path.mean():8.2f} '
+            f'{len(state.scans):6} {held:6.1f} {held_bytes() / 2 ** 20:6.0f} {path.mean():8.2f} '
             f'{path.max():8.0f} {1e3 * np.mean(told.beside):10.2f} {drawn.mean():8.0f} '
             f'{drawn.max():8.0f} {np.median(told.error):7.3f} {max(told.error):8.3f} '
             f'{np.mean(told.nees):6.2f}')

@@ -3,7 +3,7 @@
 """
 Measure how a map follows what changes: an office in which furniture is moved night after night.
 
-usage: python benchmarks/week.py [DAYS [SEED]]      default 7 1
+usage: python -m benchmarks.week [DAYS [SEED]]      default 7 1
 
 Every day a robot drives from room to room for a quarter of an hour; at night it is switched off,
 and half of the furniture is moved. Prints a row per day: share of the walls drawn that stand; of

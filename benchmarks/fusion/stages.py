@@ -18,13 +18,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 import time
 
+from benchmarks.data.real_maps import load_pair
 from benchmarks.fusion import baselines
 from benchmarks.scores.pairs import PairScore, score_pair, summary
 from benchmarks.tables import Table
 import cv2
 import numpy as np
 from somfusion_ros.fusion import measures, orientation, rasters, scoring, translation, voting
-from somfusion_ros.fusion.alignment import align
+from somfusion_ros.fusion.alignment import align, ALIGNMENT
 from somfusion_ros.fusion.cache import FusionCache
 from somfusion_ros.fusion.config import FusionConfig
 from somfusion_ros.fusion.learned_map import LearnedMap
@@ -35,7 +36,6 @@ from somfusion_ros.geometry import Pose, rotation
 from somfusion_ros.grid import Grid
 
 Found = tuple[np.ndarray | None, bool]
-PUBLISHED_V = 0.9
 
 
 @dataclass
@@ -56,13 +56,10 @@ class Pair:
 
 def load(folder: Path, row: dict[str, str]) -> Pair:
     """Read one pair; new Grid objects, so that nothing is learned already."""
-    pair = np.load(folder / f'{row["name"]}.npz')
-    grids = [Grid.from_occupancy(pair[side], float(pair['resolution']),
-                                 (*pair[f'{side}_origin'], 0.0)) for side in ('target', 'source')]
     true = row['kind'] == 'pos'
     numbers = [np.array([float(row[name]) for name in names]) if true else None
                for names in (('x', 'y', 'theta'), ('centre_x', 'centre_y'))]
-    return Pair(*grids, *numbers)
+    return Pair(*load_pair(folder, row['name']), *numbers)
 
 
 def turns_of(target: LearnedMap, source: LearnedMap, count: int) -> np.ndarray:
@@ -83,7 +80,7 @@ def best_by_V(target: LearnedMap, source: LearnedMap, starts: np.ndarray) -> Fou
     poses = np.array([translation.mean_shift(start, source.features, target.features,
                                              nearest)[0] for start in starts])
     V = np.array([item.V for item in measures.measure(poses, target, source)])
-    return poses[V.argmax()], bool(V.max() >= PUBLISHED_V)
+    return poses[V.argmax()], bool(V.max() >= ALIGNMENT.published_v)
 
 
 def published(pair: Pair) -> Found:
@@ -120,7 +117,7 @@ def rescored(pair: Pair) -> Found:
     score = scoring.scores(poses, target, source)
     best = poses[score.argmax()]
     evidence, = measures.measure(best[None], target, source)
-    return best, bool(evidence.V >= PUBLISHED_V)
+    return best, bool(evidence.V >= ALIGNMENT.published_v)
 
 
 def by_cells(pair: Pair) -> Found:
@@ -129,7 +126,7 @@ def by_cells(pair: Pair) -> Found:
     poses = search(target, source, FusionConfig(), Stopwatch()).poses
     evidence = measures.measure(poses, target, source)
     best = max(range(len(poses)), key=lambda k: evidence[k].score)
-    return poses[best], bool(evidence[best].V >= PUBLISHED_V)
+    return poses[best], bool(evidence[best].V >= ALIGNMENT.published_v)
 
 
 def whole(pair: Pair) -> Found:

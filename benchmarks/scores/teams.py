@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
+from benchmarks.scores.trajectories import GRACE
 import numpy as np
 from scipy.spatial import cKDTree
 from somfusion_ros.geometry import apply, Array, between, compose, fit, inverse, Pose, wrap
@@ -24,7 +25,6 @@ from somfusion_ros.io.trajectories import read_tum
 
 NEAR = 0.10    # [m] within which two walls are one
 FEWEST = 20    # cells of wall on the other's known cells from which a share says something
-GRACE = 0.05   # [s] by which a reference may lie outside the trajectory
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ usage: python -m benchmarks.slam.starts MAP_LOG LOG N [BEGIN END] [--in KIND]
 LOG is localised in the map of MAP_LOG, as a state or, with `--in map.yaml`, as it is drawn; with
 `--in resumed` the state grows on. It begins at N moments that are spread evenly from BEGIN to END
 [s] of it (all of it). Compared is with the joint solution of both runs, as in
-`benchmarks.slam.localisation`. Prints a row per start: metres driven
-until it was found, and how many of them within 1 m of the map's views; scans after that, and at
-how many it was lost; how far off it was (median, 95 %, most) [m], and the longest time [s] for
-which it was more than 1 m off. A start whose robot is not found in 90 s says "never". Asserts
-nothing.
+`benchmarks.slam.localisation`. Prints a row per start: metres driven until it was found, and how
+many of them within 1 m of the map's views; scans after that, and at how many it was lost; how far
+off it was (median, 95 %, most) [m], and the longest time [s] for which it was more than 1 m off.
+A start whose robot is not found in 90 s says "never". Asserts nothing.
 """
 
 import argparse

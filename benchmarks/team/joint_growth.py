@@ -13,12 +13,11 @@ all others tell, solves, and draws; then once more with ten more views of each.
 
 from collections.abc import Iterator, Mapping
 import gc
-from pathlib import Path
-import resource
 import sys
 import time
 from typing import cast
 
+from benchmarks.memory import held_bytes
 import numpy as np
 from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.slam.checkpoint import Checkpoint
@@ -98,8 +97,7 @@ def matches_of(truth: dict[str, Array]) -> Iterator[InterMatch]:
 def memory() -> float:
     """Return the memory [MB] that the process holds."""
     gc.collect()
-    pages = int(Path('/proc/self/statm').read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
+    return held_bytes() / 1e6
 
 
 class Stopwatch:

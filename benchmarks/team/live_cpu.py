@@ -21,6 +21,7 @@ import sys
 from tempfile import TemporaryDirectory
 import time
 
+from benchmarks.memory import held_bytes
 from benchmarks.tables import Table
 import numpy as np
 from somfusion_ros.geometry import Array
@@ -42,12 +43,6 @@ def cpu(pid: int) -> float:
     """Return the CPU time [s] of a process so far."""
     fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS
-
-
-def memory(pid: int) -> float:
-    """Return the resident memory [MB] of a process."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 def rates(bag: Path) -> tuple[float, float]:
@@ -115,7 +110,7 @@ def measure(folder: Path, robots: list[str], seconds: float, clock: bool, rate: 
         yield np.array([(followed(folder / 'live', robots) - scans) / took])
         yield np.array([np.mean([cpu(pid) - before[pid] for pid in pids[node]]) / took
                         for node in NODES])
-        yield np.array([np.mean([memory(pid) for pid in pids[node]]) for node in NODES])
+        yield np.array([np.mean([held_bytes(pid) / 1e6 for pid in pids[node]]) for node in NODES])
         now = heard(folder / 'live', robots)
         yield np.array([*(60.0 * (now - known)[:2] / took), now[2] if clock else np.nan,
                         os.getloadavg()[0]])

@@ -16,12 +16,12 @@ Prints tables, asserts nothing about time.
 from collections.abc import Sequence
 import os
 from pathlib import Path
-import resource
 import signal
 import sys
 import tempfile
 import time
 
+from benchmarks.memory import held_bytes
 from benchmarks.tables import Table
 from helpers import ROOT, ros_environment
 from network import Network, on_network, partition
@@ -48,12 +48,6 @@ def cpu_seconds(process: int) -> float:
     """CPU time [s] that a process has used."""
     fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS
-
-
-def memory(process: int) -> float:
-    """Memory [MB] that a process holds."""
-    pages = int(Path(f'/proc/{process}/statm').read_text().split()[1])
-    return pages * resource.getpagesize() / 2 ** 20
 
 
 def node_ids(lab: Lab) -> list[int]:
@@ -179,7 +173,7 @@ def break_something(rng: np.random.Generator, lab: Lab, network: Network, count:
 
 def state(lab: Lab, start: float, word: str, waited: float) -> None:
     """Print one row about a team."""
-    sizes = ' '.join(f'{memory(process):5.0f}' for process in node_ids(lab))
+    sizes = ' '.join(f'{held_bytes(process) / 2 ** 20:5.0f}' for process in node_ids(lab))
     minute = SPEED * (time.monotonic() - start) / 60.0
     print(f'{minute:6.1f}  {word:26}{waited:10.1f}      {sizes}', flush=True)
 

@@ -16,23 +16,15 @@ import sys
 import time
 
 from benchmarks.data.folders import data_folder
+from benchmarks.data.real_maps import load_pair
 from builtin_interfaces.msg import Time
 import numpy as np
 from somfusion_ros.fusion.alignment import align
 from somfusion_ros.fusion.learning import learn
-from somfusion_ros.grid import Grid
 from somfusion_ros.io.cluster_rows import cluster_rows
 from somfusion_ros.ros.common.conversions import cluster_cloud
 from somfusion_ros.ros.fusion.team_messages import clusters_from_message
 from somfusion_ros.team.screening import outline, screen
-
-
-def grids(path: Path) -> tuple[Grid, Grid]:
-    """Read both maps of a pair."""
-    with np.load(path) as pair:
-        target, source = (Grid.from_occupancy(pair[name], float(pair['resolution']), (
-            *pair[f'{name}_origin'], 0.0)) for name in ('target', 'source'))
-    return target, source
 
 
 def main() -> None:
@@ -42,7 +34,7 @@ def main() -> None:
     with (folder / 'manifest.csv').open() as file:
         names = [row['name'] for row in csv.DictReader(file)]
     for name in names:
-        pair = grids(folder / f'{name}.npz')
+        pair = load_pair(folder, name)
         clouds = [cluster_cloud(cluster_rows(outline(learn(grid))), 'map', Time())
                   for grid in pair]
         sizes += [len(cloud.data) for cloud in clouds]

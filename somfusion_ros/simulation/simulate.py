@@ -63,7 +63,8 @@ def simulate(output: str | Path, options: SimulationOptions | None = None) -> di
     Write DIR/robotN/bag and DIR/robotN/reference.tum (T_world_base), and DIR/truth.json.
 
     The map frame of a robot lies where it starts, as its odometry does. The same seed gives the
-    same bags.
+    same bags. The truth is written first, so that a simulation that was interrupted can be begun
+    again, and no bag lies beside the truth of another one.
 
     Parameters
     ----------
@@ -90,19 +91,19 @@ def simulate(output: str | Path, options: SimulationOptions | None = None) -> di
     plan, folder = PLANS[options.plan](), make_folder(output)
     names = [f'robot{number + 1}' for number in range(options.robots)]
     _clear(folder, names)
-    seeds = np.random.SeedSequence(options.seed).spawn(options.robots)
-    starts = {}
-    for number, (name, seed) in enumerate(zip(names, seeds)):
-        rng = np.random.default_rng(seed)
-        run = drive_robot(plan, number, options, rng)
+    chances = [np.random.default_rng(seed) for seed in
+               np.random.SeedSequence(options.seed).spawn(options.robots)]
+    runs = {name: drive_robot(plan, number, options, rng)
+            for number, (name, rng) in enumerate(zip(names, chances))}
+    truth = truth_record({name: Pose.from_array(run.poses[0]) for name, run in runs.items()},
+                         options)
+    write_text(folder / TRUTH, json.dumps(truth, indent=2) + '\n')
+    for (name, run), rng in zip(runs.items(), chances):
         (folder / name).mkdir()
         write_bag(folder / name / 'bag', name, plan, run, options.storage, rng)
         write_tum(folder / name / 'reference.tum', EPOCH + run.stamps[::5], run.poses[::5])
-        starts[name] = Pose.from_array(run.poses[0])
         say(f'{name}: {run.stamps[-1]:.0f} s, '
             f'{np.hypot(*np.diff(run.poses[:, :2], axis=0).T).sum():.1f} m: {folder / name}')
-    truth = truth_record(starts, options)
-    write_text(folder / TRUTH, json.dumps(truth, indent=2) + '\n')
     say(f'truth: {folder / TRUTH}')
     return truth
 

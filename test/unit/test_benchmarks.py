@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ways into the benchmarks: converters, scorers, tables; the measuring itself is no test."""
 
+import ast
 from pathlib import Path
 
 from benchmarks import figures, tables
@@ -129,3 +130,15 @@ def test_every_table_has_a_place_and_every_place_a_table() -> None:
             for word in tables.names_in(path.read_text(encoding='utf-8'))}
     assert set(tables.places()) <= made
     assert set(figures.PARTS.known) >= {'slam', 'pairs', 'team', 'stages', 'calibration'}
+
+
+USAGES = {path: text for path in sorted((ROOT / 'benchmarks').rglob('*.py'))
+          if 'usage:' in (text := ast.get_docstring(ast.parse(path.read_text())) or '')}
+
+
+@pytest.mark.newest
+@pytest.mark.parametrize('path', USAGES, ids=lambda path: path.stem)
+def test_a_benchmark_names_the_command_that_runs_it(path: Path) -> None:
+    """By its module: as a file it finds neither the others nor the package."""
+    module = '.'.join(path.relative_to(ROOT).with_suffix('').parts)
+    assert f'python -m {module}' in USAGES[path]

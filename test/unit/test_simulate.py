@@ -185,6 +185,21 @@ def test_nothing_foreign_is_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / 'robot1' / 'thesis.txt').exists()
 
 
+def test_a_simulation_that_was_interrupted_can_be_begun_again(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folders passed for somebody else's; begun anew with another seed, the truth was old."""
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+    truths = []
+    for seed in (1, 2):
+        options = SimulationOptions(duration=1.5, seed=seed)
+        with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+            patched.setattr('somfusion_ros.simulation.simulate.write_bag', interrupt)
+            simulate(tmp_path, options)
+        truths.append(json.loads((tmp_path / 'truth.json').read_text()))
+    assert simulate(tmp_path, options) == truths[1] != truths[0]
+
+
 def test_no_robot_of_an_earlier_simulation_is_left(tmp_path: Path) -> None:
     (tmp_path / 'robot2').mkdir()
     (tmp_path / 'robot3').mkdir()

@@ -26,7 +26,7 @@ from somfusion_ros.team.joint_drawing import JointDrawing
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.kept_views import encode_kept
 from somfusion_ros.team.sightings import Sighting, Sightings
-from somfusion_ros.team.view_facts import decode_view, Facts
+from somfusion_ros.team.view_facts import decode_view, encode_taken_back, Facts
 from somfusion_ros.team.view_inbox import ViewInbox
 from somfusion_ros.team.view_store import decode_batch, EACH, encode_batches, FEW, ViewStore
 from test_elastic import bent_team
@@ -140,6 +140,13 @@ def test_two_bonds_with_one_robot_are_refused(rng: np.random.Generator) -> None:
     one, _, _ = team()
     with pytest.raises(ValueError):
         one.take_bonds('aliar', bonds_with('aliar', LIAR, EPOCHS, rng, 2))
+
+
+def test_what_a_robot_took_back_can_be_stolen_too() -> None:
+    """A campaign in which a robot was carried ended there."""
+    fact = encode_taken_back(range(3, 9))
+    batch, = encode_batches(EPOCHS['robot1'], 't', Facts(taken_back=(fact,)))
+    assert decode_batch(stolen(batch, LIAR))[2] == [fact]
 
 
 def test_a_liar_with_stolen_views_hardly_bends_two_who_agree(rng: np.random.Generator) -> None:

@@ -45,8 +45,9 @@ class Team:
         self.network = Network(np.random.default_rng([seed, 1]))
         self._rng = np.random.default_rng([seed, 2])
         names = [f'robot{k + 1}' for k in range(int(rng.integers(2, 4)))]
-        places = sorted({tape.place for tape in tapes}, key=tapes[0].place.__ne__)
-        place = places[int(rng.random() < ABROAD)]
+        home = tapes[0].place
+        abroad = sorted({tape.place for tape in tapes} - {home})
+        place = abroad[0] if rng.random() < ABROAD and abroad else home
         here = [tape for tape in tapes if tape.place == place]
         self.robots = {name: Robot(name, here[k % len(here)], Clock(
             float(rng.uniform(0.99998, 1.00002)), float(rng.uniform(0, 1e5))))

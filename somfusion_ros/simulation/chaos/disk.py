@@ -9,7 +9,7 @@ The file, the writing, the reading and the SLAM that goes on from it are the rea
 from collections import Counter
 from collections.abc import Callable
 import errno
-from functools import cache
+from functools import lru_cache
 import io
 from pathlib import Path
 import tempfile
@@ -27,6 +27,7 @@ from somfusion_ros.team.teller import tell
 KINDS = ('', 'flips bits', 'tears a write', 'is full')
 VARIANTS = 2       # of each kind of damage to each file: few, so that maps come again
 FLIPS = 12         # bits
+KEPT = 256         # restarts that are remembered: what was restarted may be so again
 
 
 class _FullDisk(io.FileIO):
@@ -50,7 +51,7 @@ class _Kept:
         self.checkpoint = lambda: checkpoint
 
 
-@cache
+@lru_cache(KEPT)
 def restarted(tape: Tape, come: int, kind: str, variant: int) -> tuple[Tape | None, Counter[str]]:
     """
     Keep the first checkpoints of a tape on a disk that fails in a way, and restart the SLAM.

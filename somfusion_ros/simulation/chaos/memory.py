@@ -26,7 +26,6 @@ from somfusion_ros.team.view_facts import ViewFact
 from somfusion_ros.team.view_set import DrawnScan, ViewSet
 from somfusion_ros.whole_files import write_files
 
-
 BATCHES = 2000   # of facts that are kept apart
 ROOMS = 'fusion', 'slam', 'team'    # whose code decides what comes of a piece of work
 
@@ -55,7 +54,7 @@ class Memory:
         """Keep the results that are on disk nowhere yet, for a process of the same code."""
         new = {key: found for key, found in self.known.items() if key not in self._on_disk}
         write_files({path: pickle.dumps((code_digest(), new))})
-        self._on_disk |= new.keys()
+        self._on_disk = {*self.known}      # of what was dropped meanwhile nothing is kept
         self._loaded.add(path)
 
     def load(self, path: Path) -> None:

@@ -48,9 +48,12 @@ class Outcome:
     """
     What a run found: broken invariants, and what was checked.
 
-    accepted: transforms; agreed: times that all were to agree; judged: verdicts on two maps that
-    are good, each with its probability and whether its pose was right; alike: those on two ends
-    that look alike; stood [s]: how long such ends were taken for one after maps could tell them.
+    seconds: of simulated time; accepted: transforms, bent: those as views bend them; agreed:
+    times that all were to agree; joined: whether maps were joined at one of these; digest: bytes
+    that only the same run has; judged: verdicts on two maps that are good, each with its
+    probability and whether its pose was right; alike: those on two ends that look alike; stood
+    [s]: how long such ends were taken for one after maps could tell them; counts: the most that
+    a station held or did at once.
     """
 
     seed: int

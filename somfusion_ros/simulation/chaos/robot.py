@@ -17,8 +17,8 @@ class Robot:
     One robot.
 
     started [s]: when its tape began; starts: of its programs; moved: how many maps it began after
-    its first; spoilt: its map is wrong, for it was
-    kidnapped and nobody noticed; counts: what its SLAM counted.
+    its first; spoilt: its map is wrong, for it was kidnapped and nobody noticed; counts: what its
+    SLAM counted.
     """
 
     name: str

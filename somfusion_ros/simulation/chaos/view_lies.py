@@ -10,7 +10,7 @@ from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.free_space import Outline
 from somfusion_ros.team.bond_codec import encode_bonds, ToldBond
-from somfusion_ros.team.fact import LOOP, SCAN, VIEW
+from somfusion_ros.team.fact import LOOP, SCAN, TAKEN_BACK, VIEW
 from somfusion_ros.team.joint_problem import InterMatch
 from somfusion_ros.team.view_facts import (encode_constraint, encode_scan, Facts, MAX_VIEWS,
                                            ViewFact)
@@ -58,7 +58,7 @@ def stolen(batch: bytes, epoch: Epoch) -> bytes:
     """Tell another robot's facts as if they were of the liar's own map."""
     _, _, facts = decode_batch(batch)
     told, = _batches(epoch, Facts(*(tuple(fact for fact in facts if fact.kind == kind)
-                                    for kind in (VIEW, LOOP, SCAN))))
+                                    for kind in (VIEW, LOOP, SCAN, TAKEN_BACK))))
     return told
 
 
