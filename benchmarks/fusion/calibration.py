@@ -24,7 +24,6 @@ import argparse
 import json
 import os
 from pathlib import Path
-import subprocess
 import sys
 
 from benchmarks.data.folders import ROOT
@@ -34,6 +33,7 @@ from benchmarks.fusion.verdict_fit import (fit, left_out, log_odds, read_samples
                                            write_samples)
 from benchmarks.fusion.verdict_tables import (calibration_errors, calibration_table,
                                               draw_reliability, kinds_table, thresholds_table)
+from benchmarks.tables import commit
 import numpy as np
 from somfusion_ros.fusion import verdict as verdicts
 from somfusion_ros.fusion.config import FusionConfig
@@ -64,12 +64,6 @@ def fresh_queue(total: int, begin: int = FRESH_FROM) -> list[tuple[str, int]]:
     turns = [((k + 0.5) / share, kind, begin + k) for kind, share in FRESH.items()
              for k in range(share * total // sum(FRESH.values()))]
     return [(kind, number) for _, kind, number in sorted(turns)]
-
-
-def commit() -> str:
-    """Return the commit of the code."""
-    return subprocess.run(['git', 'rev-parse', '--short', 'HEAD'], cwd=ROOT, check=True,
-                          capture_output=True, text=True).stdout.strip()
 
 
 def judged(samples: list[Sample]) -> tuple[dict[str, dict[str, float]], dict[str, Array]]:

@@ -31,8 +31,9 @@ from somfusion_ros.geometry import inverse
 IN_DOUBT = 0.05     # probability from which the mirror image is looked at
 TOGETHER = 50     # cases that one process judges one after the other
 KEPT_EVERY = 4     # such parts: writing all takes half a second
-CODE = ('somfusion_ros/fusion/*.py', 'somfusion_ros/fusion/*.json', 'somfusion_ros/grid/*.py',
-        'benchmarks/data/*.py', 'benchmarks/fusion/*cases.py')     # what samples come from
+# What samples come from.
+CODE = ('somfusion_ros/*.py', 'somfusion_ros/fusion/*.py', 'somfusion_ros/fusion/*.json',
+        'benchmarks/data/*.py', 'benchmarks/fusion/*cases.py', 'benchmarks/scores/teams.py')
 KEPT = ROOT / 'build' / 'calibration'
 Number = tuple[str, int]     # kind, and number in it
 _maps: list[RealMaps] = []     # of this process

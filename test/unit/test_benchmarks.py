@@ -7,6 +7,7 @@ from pathlib import Path
 
 from benchmarks import figures, tables
 from benchmarks.data import carmen, map_pairs, mines
+from benchmarks.fusion.judging import CODE
 from benchmarks.fusion.stages import load_all
 from benchmarks.scores.pairs import score_pair, summary
 from benchmarks.scores.teams import walls_agree
@@ -142,3 +143,11 @@ def test_a_benchmark_names_the_command_that_runs_it(path: Path) -> None:
     """By its module: as a file it finds neither the others nor the package."""
     module = '.'.join(path.relative_to(ROOT).with_suffix('').parts)
     assert f'python -m {module}' in USAGES[path]
+
+
+@pytest.mark.newest
+def test_what_was_judged_is_kept_for_the_same_code_only() -> None:
+    """A pattern that matched no file let cases stand that older code had judged."""
+    files = {path.name for pattern in CODE for path in ROOT.glob(pattern)}
+    assert all(any(ROOT.glob(pattern)) for pattern in CODE)
+    assert {'grid.py', 'geometry.py', 'search.py', 'true_cases.py'} <= files
