@@ -103,6 +103,8 @@ $(VENV)/.package: $(VENV)/.dependencies $(SOURCES)
 	@touch $@
 
 $(OLDEST)/.dependencies: setup.py test/versions/oldest.txt
+	@[ -n '$(OLDEST_PYTHON)' ] || \
+	    { echo 'Python has no venv here; on Debian and Ubuntu: apt install python3-venv'; exit 1; }
 	@echo 'Setting up $(OLDEST) with $(OLDEST_PYTHON) (once) ...'
 	@$(OLDEST_PYTHON) -m venv $(OLDEST)
 	@$(OLDEST)/bin/python -m pip --disable-pip-version-check install --quiet '.[test]' \

@@ -61,11 +61,12 @@ def is_ros(package: str) -> bool:
         'ament_index_python', 'launch', 'launch_ros', 'rclpy', 'tf2_ros')
 
 
-def test_every_ros_package_imported_is_depended_on() -> None:
+def test_the_ros_packages_that_are_imported_are_those_depended_on() -> None:
     named = {e.text for e in MANIFEST if e.tag == 'exec_depend'}
     ros = {package for package in imported('somfusion_ros', 'launch') if is_ros(package)}
     assert {'rclpy', 'launch'} <= ros
-    assert ros <= named, f'not in package.xml: {sorted(ros - named)}'
+    by_name = {'tf2_msgs'}     # which wheels lack: ros/common/optional_types.py looks for it
+    assert ros | by_name == {name for name in named if not name.startswith('python3-')}
 
 
 # What pip installs, by what is imported of it; and the key by which rosdep knows it.
