@@ -27,6 +27,10 @@ def start_team(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     bags = [str(Path(bag).expanduser())   # which no shell does within quotes
             for bag in LaunchConfiguration('bags').perform(context).split()]
     rate = LaunchConfiguration('rate').perform(context)
+    topics: list[str] = []
+    for name in ('scan', 'odom'):
+        given = LaunchConfiguration(f'{name}_topics').perform(context).split()
+        topics += [f'--{name}-topic', *given] if given else []
     robots = [f'robot{number}' for number in range(1, len(bags) + 1)]
     passed_on = {name: LaunchConfiguration(name) for name in ('params_file', 'log_level')}
     # A source of its own: a description that was loaded once can be launched only once.
@@ -35,7 +39,7 @@ def start_team(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         launch_arguments={'namespace': name, 'use_sim_time': 'true', **passed_on}.items())
         for name in robots),
         Node(package='somfusion_ros', executable='player', name='player', output='screen',
-             arguments=[*bags, '--clock', '--rate', rate, '--robots', *robots])]
+             arguments=[*bags, '--clock', '--rate', rate, '--robots', *robots, *topics])]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -43,6 +47,10 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         DeclareLaunchArgument('bags', description='Bags, separated by blanks, one per robot.'),
         DeclareLaunchArgument('rate', default_value='1.0', description='Times real time.'),
+        *(DeclareLaunchArgument(
+            f'{name}_topics', default_value='',
+            description=f'Topics of {what} in the bags, where there are several: one for all, or '
+            'one for each.') for name, what in (('scan', 'the scans'), ('odom', 'odometry'))),
         DeclareLaunchArgument('params_file', default_value='',
                               description='Parameter file for all nodes.'),
         DeclareLaunchArgument('log_level', default_value='info',

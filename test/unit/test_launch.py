@@ -184,11 +184,13 @@ def test_a_team_of_any_size(started: Started) -> None:
 
 
 def test_bags_make_a_team(started: Started) -> None:
-    assert launch('replay.launch.py', bags='x/bag ~/bag', rate='2.0') == 0
+    assert launch('replay.launch.py', bags='x/bag ~/bag', rate='2.0',
+                  scan_topics='front base') == 0
     assert started.names()[:4] == [(f'/robot{n}', node) for n in (1, 2)
                                    for node in ('slam_node', 'fusion_node')]
-    assert started.commands[4][1:9] == ['x/bag', str(Path.home() / 'bag'), '--clock', '--rate',
-                                        '2.0', '--robots', 'robot1', 'robot2']
+    assert started.commands[4][1:12] == [
+        'x/bag', str(Path.home() / 'bag'), '--clock', '--rate', '2.0', '--robots', 'robot1',
+        'robot2', '--scan-topic', 'front', 'base']
     assert all(started.parameters(n)['use_sim_time'] is True for n in range(4))
 
 
