@@ -3,6 +3,7 @@
 """Files that are the old ones or the new ones, but never half of either."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 import os
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -25,25 +26,26 @@ def write_files(files: Mapping[Path, bytes], opened: Opener = open_file) -> None
     Write or replace files that belong together, in the order given.
 
     All are on the disk, under other names beside their own, before the first of them takes its
-    name: a full disk leaves all as they were, and a crash every single one whole. OSError is
-    raised where one cannot be written.
+    name: a full disk leaves all as they were, and a crash every single one whole. OSError, which
+    names the file, is raised where one cannot be written.
 
     files : content by path; a link is followed, so that it stays one
     opened : what opens the files, so that a simulated disk can fail
     """
-    drafts = {_draft(path): path.resolve() for path in files}
+    drafts = {_draft(path): path for path in files}
     try:
-        for draft, content in zip(drafts, files.values(), strict=True):
+        for draft, path in drafts.items():
             with opened(draft, 'wb') as file:
-                file.write(content)
+                file.write(files[path])
                 file.flush()
                 os.fsync(file.fileno())
         for draft, path in drafts.items():
-            os.replace(draft, path)
-    except OSError:
+            os.replace(draft, path.resolve())
+    except OSError as error:
         for draft in drafts:
-            draft.unlink(missing_ok=True)
-        raise
+            with suppress(OSError):
+                draft.unlink()
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
 def _draft(path: Path) -> Path:

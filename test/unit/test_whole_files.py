@@ -68,3 +68,14 @@ def test_a_link_stays_one(tmp_path: Path) -> None:
     (tmp_path / 'link').symlink_to('file')
     write_files({tmp_path / 'link': b'new'})
     assert (tmp_path / 'link').is_symlink() and (tmp_path / 'file').read_bytes() == b'new'
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    """By its own name, not by that of its draft."""
+    for path in (tmp_path / 'missing' / 'map.pgm', tmp_path):
+        with pytest.raises(OSError) as error:
+            write_files({path: b'map'})
+        assert error.value.filename == str(path)
+    with files_of(2), pytest.raises(OSError, match='map.pgm'):
+        write_files({tmp_path / 'map.pgm': b'map'})
+    assert contents(tmp_path) == {}
