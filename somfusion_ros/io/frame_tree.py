@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from somfusion_ros.geometry import Array, Pose
+from somfusion_ros.geometry import Array, between, Pose
 from somfusion_ros.io.frame_names import (BASE_FRAMES, is_moving, plain, prefix, similar,
                                           spellings)
 
 LARGEST_TILT = np.radians(10.0)   # a plane tilted more does not see the walls of one floor plan
 LARGEST_TREE = 10000   # transforms; a robot has tens
+SAME_PLACE, SAME_HEADING = 0.05, np.radians(3.0)   # [m], [rad] by which mounts are measured
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,18 @@ class Mount:
     T_base_laser: Pose
     upside_down: bool = False
     height: float = 0.0
+
+    def difference(self, told: 'Mount', laser_frame: str) -> str:
+        """Say how this mount, which is given, differs from that in TF; '' where it hardly does."""
+        if told.upside_down and not self.upside_down:
+            return (f'TF has {laser_frame!r} upside down, which laser_pose cannot say: left and '
+                    'right are the wrong way round; leave laser_pose out')
+        x, y, turn = between(np.array(self.T_base_laser), np.array(told.T_base_laser))
+        if np.hypot(x, y) <= SAME_PLACE and abs(turn) <= SAME_HEADING:
+            return ''
+        theirs = ', '.join(f'{value:.3g}' for value in told.T_base_laser)
+        return (f'laser_pose is used, though TF has {laser_frame!r} at {theirs}: leave laser_pose '
+                'out if TF is right')
 
 
 class FrameTree:

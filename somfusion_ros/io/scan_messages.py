@@ -17,6 +17,7 @@ from somfusion_ros.io.frame_tree import Mount
 from somfusion_ros.slam.scan import Scan
 
 FULL_CIRCLE = 2.0 * np.pi
+LASERS_APART = 1e-6   # [s] between the scans of two lasers of a robot that share one stamp
 ROUNDED = 1.5   # beams by which angle_max may miss the last beam: drivers differ by one
 LEAST_SHARE = 0.05   # of the step by angle_max, below which an increment is none
 COUNTED = 0.15  # share by which beams may be fewer or more than the increment was made for

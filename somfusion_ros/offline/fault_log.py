@@ -5,7 +5,9 @@
 from collections import Counter
 
 USUAL = ('match_rejected', 'lost', 'odometry_jumps')   # faults of a drive, not of its data
-FEW = 0.05   # share of the scans up to which a kind of fault at both ends of a log is not said
+MANY = 0.2   # share of the scans from which those are said all the same
+AT_ENDS = ('scans_without_odometry', 'scans_before_odometry')   # faults at both ends of a log
+FEW = 0.05   # share of the scans up to which those are not said
 
 
 class FaultLog:
@@ -23,9 +25,9 @@ class FaultLog:
     def notes(self, scans: int) -> list[str]:
         """Return the sentences on what was odd in a log of so many scans."""
         return [f'{kind}: {reason} ({self.counts[kind]} times)'
-                for kind, reason in self._reasons.items() if kind not in USUAL
-                and (self.counts[kind] > FEW * scans or kind not in (
-                    'scans_without_odometry', 'scans_before_odometry'))]
+                for kind, reason in self._reasons.items()
+                if self.counts[kind] > scans * (
+                    MANY if kind in USUAL else FEW if kind in AT_ENDS else 0.0)]
 
     def main_cause(self) -> str:
         """Return the reason of the most frequent fault; '' where there was none."""

@@ -6,11 +6,11 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from rich.console import Group
+from rich.console import Console, Group
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
-from somfusion_ros.geometry import compose, Pose
+from somfusion_ros.geometry import compose, inverse, Pose
 from somfusion_ros.grid import Grid
 from somfusion_ros.report.map_text import map_text, Mark
 from somfusion_ros.report.palette import team_colours
@@ -18,6 +18,7 @@ from somfusion_ros.report.pictures import overlay_picture
 
 LEVELS = {0: 'green', 1: 'yellow', 2: 'red', 3: 'red'}   # of diagnostic_msgs/DiagnosticStatus
 FRAME = 4      # columns and lines that the frame and title of a panel take
+LARGEST_TABLE = 0.4   # share of the terminal's lines in which states are told whole
 FEWEST = 8     # lines of a map, however small the terminal is
 
 
@@ -46,26 +47,37 @@ class HeardTeam:
 
     def groups(self) -> list[dict[str, Pose]]:
         """Return T_world_map of each connected group, in the map of its first robot by name."""
-        left, groups = sorted(self.grids), []
+        left, groups, near = sorted(self.grids), [], self._neighbours()
         while left:
             group, queue = {left[0]: Pose()}, deque([left[0]])
             while queue:
                 owner = queue.popleft()
-                for peer, T_owner_peer in self.transforms.get(owner, {}).items():
-                    if peer in self.grids and peer not in group:
+                for peer, T_owner_peer in near[owner].items():
+                    if peer not in group:
                         group[peer] = Pose.from_array(compose(group[owner], T_owner_peer))
                         queue.append(peer)
             groups.append(group)
             left = [robot for robot in left if robot not in group]
         return groups
 
+    def _neighbours(self) -> dict[str, dict[str, Pose]]:
+        """Return T_map_peer of each robot with a map, also as the peer alone tells it."""
+        near: dict[str, dict[str, Pose]] = {robot: {} for robot in self.grids}
+        told = [(owner, peer, T) for owner, peers in self.transforms.items()
+                for peer, T in peers.items() if {owner, peer} <= near.keys()]
+        for owner, peer, T_owner_peer in told:   # a robot without a fusion node tells none
+            near[peer][owner] = Pose.from_array(inverse(T_owner_peer))
+        for owner, peer, T_owner_peer in told:
+            near[owner][peer] = T_owner_peer
+        return near
+
 
 def view(team: HeardTeam, width: int, height: int) -> Group:
     """Compose the view of a team for a terminal of `width` x `height` characters."""
-    table, groups = health_table(team), team.groups()
+    table, rows, groups = *fitting_table(team, width, height), team.groups()
     if not groups:
         return Group(Text('no robot has published a map yet'), table)
-    lines = max(height - table.row_count - 2 * FRAME, FEWEST)
+    lines = max(height - rows - 2 * FRAME, FEWEST)
     columns = max(width // len(groups) - FRAME, 2 * FEWEST)
     maps = Table.grid(padding=(0, 1))
     maps.add_row(*(map_panel(team, group, columns, lines) for group in groups))
@@ -84,12 +96,22 @@ def map_panel(team: HeardTeam, group: Mapping[str, Pose], width: int, height: in
     return Panel.fit(map_text(picture, width, height, marks), title=title)
 
 
-def health_table(team: HeardTeam) -> Table:
-    """List every node and pair with its state and the reason for it."""
+def fitting_table(team: HeardTeam, width: int, height: int) -> tuple[Table, int]:
+    """Return the table with whole sentences if it leaves room for the maps, and its lines."""
+    whole = health_table(team, whole=True)
+    lines = len(Console(width=width, height=height).render_lines(whole)) - 1   # one is the head
+    if lines <= LARGEST_TABLE * height:
+        return whole, lines
+    return health_table(team), len(team.health)
+
+
+def health_table(team: HeardTeam, whole: bool = False) -> Table:
+    """List every node and pair with its state and the reason for it, each in a line or whole."""
     table = Table(box=None, padding=(0, 2, 0, 0), expand=True)
     table.add_column('who', no_wrap=True, min_width=max(map(len, team.health), default=3))
     for column, ratio in (('state', 1), ('figures', 1)):
-        table.add_column(column, overflow='ellipsis', no_wrap=True, ratio=ratio)
+        table.add_column(column, overflow='fold' if whole else 'ellipsis', no_wrap=not whole,
+                         ratio=ratio)
     for name, health in sorted(team.health.items()):
         table.add_row(name, Text(health.message, LEVELS.get(health.level, 'red')),
                       figures(health.values))

@@ -9,6 +9,8 @@ from somfusion_ros.slam.no_returns import NoReturns
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.slam.sweep import Sweep
 
+FAULTS = {'scan_not_finite': 'a number is not finite', 'scan_empty': 'it has fewer than 2 ranges',
+          'scan_geometry_invalid': 'beams are 0 rad apart, or range_max is not over range_min'}
 FARTHEST = 300.0   # [m] that a laser of a robot may see
 MOST_LASERS = 16   # of one robot, whose habits are learned
 
@@ -37,9 +39,9 @@ class Laser:
 
 def fault_words(scan: Scan) -> str:
     """Return what makes a scan with a fault unusable."""
-    return (f'{np.size(scan.ranges)} ranges, angle_min {scan.angle_min:g}, angle_increment '
-            f'{scan.angle_increment:g}, range_min {scan.range_min:g}, range_max '
-            f'{scan.range_max:g}, stamp {scan.stamp:g}')
+    return (f'{FAULTS[scan.fault()]}: {np.size(scan.ranges)} ranges, angle_min '
+            f'{scan.angle_min:g}, angle_increment {scan.angle_increment:g}, range_min '
+            f'{scan.range_min:g}, range_max {scan.range_max:g}, stamp {scan.stamp:g}')
 
 
 def emptiness(scan: Scan) -> str:

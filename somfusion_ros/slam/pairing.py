@@ -149,7 +149,7 @@ class Pairing:
             self._clock.leapt('odometry', judged.leap, self._newest_odometry)
         told = dict(judged.good)   # the last of one stamp, as what was held is stamped late
         for _ in judged.good[len(told):]:
-            self._count('odometry_stamps_repeated')
+            self._count('odometry_stamps_repeated', 'one has the stamp of the one before it')
         for stamp, (pose, slip) in told.items():
             if self.odometry.add(stamp + self._clock.odometry_shift, pose, slip):
                 self._newest_pose = np.array(pose, dtype=float)

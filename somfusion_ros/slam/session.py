@@ -31,7 +31,7 @@ from somfusion_ros.slam.step import Step
 REASONS = {
     'scan_stamps_repeated': 'a scan has the stamp of the one before it',
     'scan_stamps_backward': 'a scan is older than the one before it',
-    'odometry_jumps': 'the odometry moved faster than any robot',
+    'odometry_jumps': 'the odometry moved faster than any robot: is it in metres and radians?',
     'match_rejected': 'a scan does not fit what was seen before',
     'lost': 'it is not known where in the map the robot is: scans do not fit, or it has not been '
             'found yet'}

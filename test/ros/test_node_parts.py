@@ -77,7 +77,7 @@ def test_without_tf_the_mount_comes_from_the_parameter_and_nothing_is_sent(
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
     log = Log()
-    node = SimpleNamespace(get_logger=lambda: log)
+    node = SimpleNamespace(get_logger=lambda: log, get_namespace=lambda: '/')
     broadcaster = Broadcaster(node)
     assert not broadcaster.available
     broadcaster.send(['one'])
@@ -294,6 +294,20 @@ def test_a_silent_peer_is_named(heard: Heard, words: str) -> None:
     assert words in peer.message
 
 
+def test_a_map_server_that_is_there_is_not_silent() -> None:
+    """It tells its map once."""
+    own, told = Heard(99.0, 99.0, 1), Heard(0.0, 0.0, 1)
+    for present, words in (({'robot2'}, 'not matched yet'), (set(), 'silent for 100 s')):
+        peer = fusion_statuses('node', 'robot1', session([]).snapshot,
+                               {'robot1': own, 'robot2': told}, {}, 100.0, 30.0,
+                               present=present)[1]
+        assert words in peer.message
+    told.begin('session', 0.0)   # of a fusion node, which says something all the time
+    assert 'silent' in fusion_statuses('node', 'robot1', session([]).snapshot,
+                                       {'robot1': own, 'robot2': told}, {}, 100.0, 30.0,
+                                       present={'robot2'})[1].message
+
+
 def test_the_player_hands_on_the_bytes_of_a_bag() -> None:
     folder = need_data('logs', 'mines_exp1')
     records = [r for r in Recording(folder).records() if r.msgtype == 'sensor_msgs/msg/LaserScan']
@@ -336,6 +350,20 @@ def test_the_player_plays_what_can_be_read_of_a_bag_that_is_spoilt(tmp_path: Pat
     assert played == whole[:len(played)]
     assert 10 < len(played) < len(whole)
     assert 'cut off' in cut.notes[0]
+
+
+def test_the_player_stamps_what_has_no_stamp_with_its_time_of_recording(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        for number in range(3):
+            bag.recorded = 50.0 + 0.1 * number
+            bag.odometry(0.0, (0.0, 0.0, 0.0))
+            bag.scan(fake_scan(fake_room(), Pose(), 0.0))
+    recording = Recording(tmp_path / 'bag')
+    recording.shift = 10 ** 9
+    stamps = [deserialize_message(r.data, LaserScan).header.stamp for r in recording.records()
+              if r.msgtype == recording.scans]
+    assert [(s.sec, s.nanosec) for s in stamps] == [(51, 0), (51, 10 ** 8), (51, 2 * 10 ** 8)]
+    assert sum('messages_without_stamp' in note for note in recording.notes) == 1
 
 
 @pytest.mark.skipif(TFMessage is None, reason='tf2_msgs is not here')
@@ -530,7 +558,8 @@ def test_the_odometry_in_tf_is_that_of_odom_frame(odom: str, base: str, chosen: 
             Pose(place + x, 0.0, 0.0), parent,
             'body' if parent == 'drifting' else parent.replace('odom', 'base_link'), Time(sec=1))
             for parent, place in places.items()]))
-    assert (poses, counted) == ([places[chosen]], ['odometry_not_finite'])
+    assert poses == [places[chosen]]
+    assert counted == [*['odom_frame_differs'] * (chosen != odom), 'odometry_not_finite']
 
 
 def test_watch_shows_what_the_teams_nodes_say_and_no_driver() -> None:

@@ -90,6 +90,14 @@ def test_a_team_is_shown_before_and_after_it_merged() -> None:
     assert 'robot1 + robot2: one map' in shown(both)
 
 
+def test_a_map_server_that_sorts_first_is_in_the_group_that_took_it() -> None:
+    grids = team().grids
+    both = HeardTeam({'floor': grids['robot1'], 'robot2': grids['robot2']})
+    both.transforms = {'robot2': {'floor': Pose(1.0, 2.0, 0.5)}}
+    (group,) = both.groups()
+    assert np.allclose(compose(group['robot2'], (1.0, 2.0, 0.5)), group['floor'])
+
+
 def test_robots_reasons_and_figures_are_named() -> None:
     both = team()
     both.poses['robot1'] = Pose(2.0, 2.0, 0.0)
@@ -100,6 +108,17 @@ def test_robots_reasons_and_figures_are_named() -> None:
     both.health['robot1/fusion_node: robot2'] = Health(1, 'a long reason ' * 20, {'V': '61'})
     assert 'robot1/fusion_node: robot2' in shown(both)
     assert team_colours(sorted(FRAMES))['robot1'] != team_colours(sorted(FRAMES))['robot2']
+
+
+def test_reasons_are_told_whole_where_the_maps_still_have_room() -> None:
+    some, reason = team(), 'no scan yet: nobody publishes /robot1/scan; scans are on /robot_1/scan'
+    some.health['robot1/slam_node'] = Health(1, reason, {'scans_per_s': '0'})
+    wrapped = ''.join(line[18:].split('scans_per_s')[0].rstrip() for line in
+                      shown(some, 70).splitlines()[-6:])
+    assert '/robot_1/scan' in wrapped
+    assert len(shown(some, 70, 30).splitlines()) <= 30
+    some.health |= {f'robot{n}/slam_node': Health(1, reason, {}) for n in range(2, 12)}
+    assert '…' in shown(some, 70, 30)
 
 
 def test_nobody_is_there_yet() -> None:

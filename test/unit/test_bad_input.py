@@ -125,7 +125,7 @@ def test_missing_storage_file(good: Path, tmp_path: Path) -> None:
 def test_without_scans(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'bag') as bag:
         bag.odometry(1.0, (0.0, 0.0, 0.0))
-    assert bad_bag(tmp_path / 'bag').endswith('no laser scans')
+    assert bad_bag(tmp_path / 'bag').endswith('no laser scans (the bag holds /odom)')
 
 
 def test_without_odometry(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 
 import pytest
-from somfusion_ros.ros.common.security_policy import allowed, NODES, policy
+from somfusion_ros.ros.common.security_policy import allowed, main, NODES, policy
 
 ROOT = Path(__file__).parents[2]
 # What stands where in a policy of version 0.2.0: children and attributes by tag.
@@ -63,6 +63,19 @@ def test_the_example_is_the_newest() -> None:
     """`python -m somfusion_ros.ros.common.security_policy robot1 robot2` renews it."""
     path = ROOT / 'config' / 'sros2_policy.xml'
     assert path.read_text(encoding='utf-8') == policy(['robot1', 'robot2'])
+
+
+@pytest.mark.parametrize('robots', [['--help'], [], ['robot-1'], ['2nd'], ['a b']])
+def test_what_is_no_robot_gets_no_policy(robots: list[str],
+                                         capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(robots)
+    assert '<policy' not in capsys.readouterr().out
+
+
+def test_a_name_with_slashes_around_is_the_name(capsys: pytest.CaptureFixture[str]) -> None:
+    main(['/robot1/'])
+    assert capsys.readouterr().out == policy(['robot1'])
 
 
 def test_no_robot_speaks_under_the_name_of_another() -> None:

@@ -18,11 +18,12 @@ from somfusion_ros.io.bags.odometry import converter, turn_rate
 from somfusion_ros.io.bags.options import BagOptions
 from somfusion_ros.io.bags.reader import BagError, BagReader
 from somfusion_ros.io.bags.topics import (choose_odometry, choose_scan_topics, find_robots,
-                                          NO_ODOMETRY, OdometrySource, stamp)
-from somfusion_ros.io.bags.transforms import find_mounts, Mounts
+                                          is_stamped, laser_frames, NO_ODOMETRY,
+                                          OdometrySource, stamp)
+from somfusion_ros.io.bags.transforms import difference, find_mounts, Mounts
 from somfusion_ros.io.frame_names import plain
 from somfusion_ros.io.frame_tree import Mount
-from somfusion_ros.io.scan_messages import scan_from
+from somfusion_ros.io.scan_messages import LASERS_APART, scan_from
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.motion_guess import TurnRate
 from somfusion_ros.slam.scan import Scan
@@ -86,12 +87,16 @@ class Log:
         """Yield the records as they were written."""
         convert = converter(self.odometry, self.options, self.path)
         topics = {*self.lasers, self.odometry.topic, self.odometry.gyro}
+        apart = {topic: n * LASERS_APART for n, topic in enumerate(self.lasers)}
         with BagReader(self.path) as reader:
             for topic, log_time, message in reader.messages(topics):
+                if not is_stamped(message):
+                    self._count('messages_without_stamp', f'{topic} has stamps of 0: the time of '
+                                'recording is used')
                 if topic in self.lasers:
                     try:
                         yield scan_from(message, self.lasers[topic].at(log_time),
-                                        stamp(message.header, log_time), topic)
+                                        stamp(message.header, log_time) + apart[topic], topic)
                     except ValueError as error:
                         self._count('scans_unusable', str(error))
                 elif topic == self.odometry.gyro:
@@ -140,6 +145,9 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
     options = options or BagOptions()
     with BagReader(path) as reader:
         topics = choose_scan_topics(reader, options)
+        if len(topics) > 1 and options.laser_pose is not None:
+            raise reader.error(f'several topics with laser scans: {", ".join(topics)}; '
+                               '--laser-pose is the mount of one: name it by --scan-topic')
         odometry = choose_odometry(reader, options)
         notes: list[str] = []
         if odometry.kind == 'none' and options.odometry_source == 'auto':
@@ -163,10 +171,15 @@ def robots_in(path: str | Path) -> list[str]:
 def _mount_of(reader: BagReader, topic: str, base_frame: str, options: BagOptions,
               notes: list[str]) -> Mounts:
     """Find the mounts of the laser whose scans are on a topic, and note what is odd about it."""
-    if options.laser_pose is not None:
-        return Mounts(Mount(Pose.from_array(options.laser_pose)))
     frame = plain(reader.first(topic).header.frame_id)
-    mounts, odd = find_mounts(reader, base_frame, frame, options.namespace)
+    if options.laser_pose is not None:
+        given = Mount(Pose.from_array(options.laser_pose))
+        differs = difference(reader, given, base_frame, frame, options.namespace)
+        notes += [f'{reader.path}: {differs}'] if differs else []
+        return Mounts(given)
+    mounts, odd = find_mounts(reader, base_frame, frame, options.namespace,
+                              {other for where, other in laser_frames(reader).items()
+                               if where != topic})
     notes += odd
     if mounts is None:
         notes.append(f'{reader.path}: no transform from {base_frame} to {frame!r}; the laser is '

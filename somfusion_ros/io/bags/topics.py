@@ -17,6 +17,7 @@ IMU = 'sensor_msgs/msg/Imu'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 JOINTS = 'sensor_msgs/msg/JointState'
 NO_ODOMETRY = f'no odometry (no {ODOMETRY} topic, no odom frame in /tf)'
+MOST_NAMED = 8   # topics in a message
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,18 @@ def stamp(header: Any, log_time: float) -> float:
     """Return the stamp [s] of a header; the time of recording where the header has none."""
     seconds = float(header.stamp.sec + header.stamp.nanosec * 1e-9)
     return seconds if seconds != 0 else log_time
+
+
+def is_stamped(message: Any) -> bool:
+    """Tell whether a message has a stamp, or no header of its own."""
+    header = getattr(message, 'header', None)
+    return header is None or bool(header.stamp.sec or header.stamp.nanosec)
+
+
+def laser_frames(reader: BagReader) -> dict[str, str]:
+    """Return the frame of the first scan on every topic that holds scans."""
+    return {topic: plain(reader.first(topic).header.frame_id)
+            for topic in reader.topics(*SCANS, CLOUD)}
 
 
 def find_robots(reader: BagReader) -> list[str]:
@@ -173,5 +186,8 @@ def _choose(reader: BagReader, types: tuple[str, ...], what: str, wanted: str | 
         return named or found[0]
     if not found:
         where = f' in namespace {namespace}' if namespace else ''
-        raise reader.error(f'no {what}{where}')
+        held = list(reader.types())
+        more = ', ...' if len(held) > MOST_NAMED else ''
+        raise reader.error(f'no {what}{where} (the bag holds '
+                           f'{", ".join(sorted(held)[:MOST_NAMED]) or "no messages"}{more})')
     raise reader.error(f'several topics with {what}: {", ".join(found)}; name one by {option}')

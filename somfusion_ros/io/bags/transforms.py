@@ -3,12 +3,12 @@
 """The transforms of one robot in a bag: where its laser sits, and which is its odometry."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from somfusion_ros.io.bags.reader import BagReader
+from somfusion_ros.io.bags.reader import BagError, BagReader
 from somfusion_ros.io.frame_names import bare, is_base, is_odometry, plain, prefix
 from somfusion_ros.io.frame_tree import FrameTree, Mount
 
@@ -47,13 +47,46 @@ class Mounts:
                     self.first)
 
 
-def find_mounts(reader: BagReader, base_frame: str, laser_frame: str, namespace: str = ''
-                ) -> tuple[Mounts | None, list[str]]:
+def find_mounts(reader: BagReader, base_frame: str, laser_frame: str, namespace: str = '',
+                others: Collection[str] = ()) -> tuple[Mounts | None, list[str]]:
     """
     Find the mount of a laser, and sentences on what was odd; BagError where it is tilted.
 
-    Where there is no chain to the laser, but to one frame that is spelt alike, that one is used.
+    Where there is no chain to the laser, but to one frame that is spelt alike, that one is used,
+    unless it is among the others: frames of other lasers.
     """
+    tree, mounts = _look_up(reader, base_frame, laser_frame, namespace)
+    notes = [f'{reader.path}: the mount of {laser_frame!r} on tf_static was corrected at '
+             f'{since:.3f} s: it is taken from then on'
+             for since, _ in (mounts.later[:MOST_NOTES] if mounts else [])]
+    if mounts is not None:
+        return mounts, notes
+    taken = {bare(frame, namespace) for frame in others}
+    alike = [name for name in tree.similar(base_frame, laser_frame, namespace)
+             if bare(name, namespace) not in taken]
+    if len(alike) > 1:
+        raise reader.error(f'no transform from {base_frame} to the laser {laser_frame!r}, only to '
+                           f'{", ".join(alike)}: give --laser-pose')
+    if alike:
+        mounts = _mounts(_mount(reader, tree, base_frame, alike[0], namespace))
+        notes.append(f'{reader.path}: no transform from {base_frame} to {laser_frame!r}: that to '
+                     f'{alike[0]!r} is used')
+    return mounts, notes
+
+
+def difference(reader: BagReader, given: Mount, base_frame: str, laser_frame: str,
+               namespace: str = '') -> str:
+    """Say how a mount that is given differs from that in the bag; '' where it hardly does."""
+    try:
+        found = _look_up(reader, base_frame, laser_frame, namespace)[1]
+    except BagError as error:
+        return f'laser_pose is used, though {error}'
+    return '' if found is None else given.difference(found.at(np.inf), laser_frame)
+
+
+def _look_up(reader: BagReader, base_frame: str, laser_frame: str, namespace: str
+             ) -> tuple[FrameTree, Mounts | None]:
+    """Return the transforms of a bag, and the mounts of a laser, None where it has none."""
     tree = FrameTree()
     mounts: Mounts | None = None
     for topic in transform_topics(reader, namespace):
@@ -71,20 +104,7 @@ def find_mounts(reader: BagReader, base_frame: str, laser_frame: str, namespace:
         mounts = mounts or _mounts(_mount(reader, tree, base_frame, laser_frame, namespace))
         if mounts is not None:
             break
-    notes = [f'{reader.path}: the mount of {laser_frame!r} on tf_static was corrected at '
-             f'{since:.3f} s: it is taken from then on'
-             for since, _ in (mounts.later[:MOST_NOTES] if mounts else [])]
-    if mounts is not None:
-        return mounts, notes
-    alike = tree.similar(base_frame, laser_frame, namespace)
-    if len(alike) > 1:
-        raise reader.error(f'no transform from {base_frame} to the laser {laser_frame!r}, only to '
-                           f'{", ".join(alike)}: give --laser-pose')
-    if alike:
-        mounts = _mounts(_mount(reader, tree, base_frame, alike[0], namespace))
-        notes.append(f'{reader.path}: no transform from {base_frame} to {laser_frame!r}: that to '
-                     f'{alike[0]!r} is used')
-    return mounts, notes
+    return tree, mounts
 
 
 def _mounts(mount: Mount | None) -> Mounts | None:

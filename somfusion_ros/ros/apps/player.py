@@ -76,6 +76,12 @@ class RobotTopics:
         return sum(bool(p.get_subscription_count()) for p in self.sensors) >= min(
             2, len(self.sensors))
 
+    @property
+    def unheard(self) -> str:
+        """Names of the topics that a SLAM is to hear, and nobody does, with commas between."""
+        return ', '.join(sorted(publisher.topic_name for publisher in self.sensors
+                                if not publisher.get_subscription_count()))
+
     def finish(self) -> None:
         """Wait until the last messages have arrived."""
         for publisher in self.sensors:
@@ -170,6 +176,11 @@ class PlayerNode(Node):
             if all(robot.heard() for robot in self._robots):
                 self._stop.wait(SETTLE)
                 return
+        for robot in self._robots:
+            if not robot.heard() and not self._stop.is_set():
+                self.get_logger().warning(
+                    f'nobody listens to {robot.unheard}: is slam_node in this namespace, with '
+                    'this odometry_source? It is played all the same')
 
 
 def each(topics: list[str], options: argparse.Namespace) -> list[str | None]:

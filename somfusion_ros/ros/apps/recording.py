@@ -4,8 +4,9 @@
 What the player plays of a bag: scans, odometry, joint states, a gyroscope and fixed transforms.
 
 Where the odometry is in /tf only, that transform of it is played. All else is played as the bytes
-that were recorded. Where there are no laser scans, the first kind that
-is there of those that can stand for them is played as `scan`: echoes, else clouds.
+that were recorded; the time of recording stands in for stamps of 0. Where there are no laser
+scans, the first kind that is there of those that can stand for them is played as `scan`: echoes,
+else clouds.
 
 Several bags are played by one clock. Those that were recorded together keep their times; others
 are shifted, with the stamps in their messages, to begin with the first one.
@@ -87,6 +88,8 @@ class Recording:
             msgtype = self._topics[topic]
             if msgtype == ODOMETRY_IN_TF:
                 data = self._odometry_of(data, self.shift - lag)
+            elif msgtype != TRANSFORMS and not any(STAMP.unpack_from(data, STAMP_OFFSET)):
+                data = restamped(data, time + self.shift)
             elif msgtype != TRANSFORMS and self.shift - lag:
                 data = restamped(data, self.shift - lag)
             if data:
@@ -148,6 +151,10 @@ class Recording:
         scans = [topic for topic, kind in self._topics.items() if kind == self.scans]
         for _, time, data in self._bag.serialized(scans):
             seconds, nanoseconds = STAMP.unpack_from(data, STAMP_OFFSET)
+            if not seconds and not nanoseconds:
+                self.notes.append(f'{self._path}: messages_without_stamp: the time of recording '
+                                  'is used')
+                return 0
             difference = seconds * 10 ** 9 + nanoseconds - time
             return difference if abs(difference) > CLOCKS_AGREE else 0
         return 0

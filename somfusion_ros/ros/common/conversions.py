@@ -26,7 +26,7 @@ from somfusion_ros.grid import FREE, Grid, OCCUPIED, UNKNOWN
 from somfusion_ros.io import frame_tree
 from somfusion_ros.io.cluster_rows import CLUSTER_FIELDS
 from somfusion_ros.io.frame_tree import Mount
-from somfusion_ros.io.scan_messages import scan_from
+from somfusion_ros.io.scan_messages import LASERS_APART, scan_from
 from somfusion_ros.slam.scan import Scan
 from somfusion_ros.team.shared_map import MapCells
 from std_msgs.msg import Header
@@ -80,9 +80,13 @@ def pose_message(pose: Iterable[float]) -> PoseMessage:
 
 
 def scan_from_message(message: LaserScan | MultiEchoLaserScan | PointCloud2, mount: Mount,
-                      laser: str = '') -> Scan:
-    """Convert a scan, or slice a cloud; ValueError where a cloud cannot be read."""
-    return scan_from(message, mount, seconds(message.header.stamp), laser)
+                      laser: str = '', number: int = 0) -> Scan:
+    """
+    Convert a scan of a laser, the number of which counts those of the robot, or slice a cloud.
+
+    ValueError where a cloud cannot be read.
+    """
+    return scan_from(message, mount, seconds(message.header.stamp) + number * LASERS_APART, laser)
 
 
 def odometry_from_message(message: OdometryMessage) -> tuple[float, Array]:

@@ -65,11 +65,16 @@ class ManagedNode(LifecycleNode):
         """Count an error that nobody foresaw."""
         self._count('worker_errors', repr(error))
 
+    @property
+    def without_clock(self) -> str:
+        """Say that the node is to take the time from /clock, and none has come; else ''."""
+        waits = self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds
+        return 'use_sim_time is true, but nothing has come on /clock' if waits else ''
+
     def look_at_clock(self) -> None:
         """Count where the node is to take the time from /clock, and none has come."""
-        if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
-            self._count('seconds_without_clock', 'use_sim_time is true, but nothing has come on '
-                        '/clock', PATIENCE)
+        if self.without_clock:
+            self._count('seconds_without_clock', self.without_clock, PATIENCE)
 
     def begin(self, arguments: list[str]) -> None:
         """

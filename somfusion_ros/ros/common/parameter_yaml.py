@@ -6,9 +6,9 @@ Write config/*.yaml from the config dataclasses, so that words and defaults stan
 `python -m somfusion_ros.ros.common.parameter_yaml config` renews both files after a change.
 """
 
+import argparse
 from dataclasses import Field, fields
 from pathlib import Path
-import sys
 from textwrap import wrap
 from typing import Any
 
@@ -70,7 +70,12 @@ def scalar(value: Any) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the files into a folder."""
-    folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
+    parser = argparse.ArgumentParser(prog='parameter_yaml', description=(
+        f'Write {" and ".join(FILES)} anew, from the settings in the code.'))
+    parser.add_argument('folder', metavar='DIR', type=Path, help='such as config')
+    folder: Path = parser.parse_args(arguments).folder
+    if not folder.is_dir():
+        parser.error(f'{folder}: there is no such folder')
     for name in FILES:
         write_text(folder / name, parameter_file(name))
     return 0

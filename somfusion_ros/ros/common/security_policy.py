@@ -8,12 +8,14 @@ Write the SROS2 policy of robots: what their nodes say and hear, and nothing els
 team, under any name: who has no key says nothing.
 """
 
+import argparse
 from collections.abc import Iterator, Sequence
 import sys
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from somfusion_ros.ros.common import names
+from somfusion_ros.settings import NAMES
 
 VERSION = '0.2.0'    # of the format, SROS2's of Jazzy
 ANY = '*'            # a robot's name
@@ -101,5 +103,17 @@ def _rules(interface: Interface) -> Iterator[tuple[str, str, str, tuple[str, ...
     yield 'topics', 'topic', 'publish', interface.publish
 
 
+def main(arguments: list[str] | None = None) -> None:
+    """Write the policy of the robots that are named to the terminal."""
+    parser = argparse.ArgumentParser(prog='security_policy', description=(
+        "Write the SROS2 policy of robots' slam_node and fusion_node to standard output."))
+    parser.add_argument('robots', metavar='ROBOT', nargs='+', help="the robot's namespace")
+    robots = parser.parse_args(arguments).robots
+    for robot in robots:
+        if not NAMES['robot'].fullmatch(robot):
+            parser.error(f'{robot!r} is no name of a robot: letters, digits, _ and /')
+    sys.stdout.write(policy([robot.strip('/') for robot in robots]))
+
+
 if __name__ == '__main__':
-    sys.stdout.write(policy(sys.argv[1:]))
+    main()

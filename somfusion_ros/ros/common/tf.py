@@ -46,22 +46,24 @@ class Mounts:
                  count: Callable[..., None]) -> None:
         self._given = None if given is None else Mount(Pose.from_array(given))
         self._known: dict[tuple[str, str], Mount] = {}
+        self._compared: set[tuple[str, str]] = set()   # with what TF says now
         self._tree, self._node, self._count = FrameTree(), node, count
         self._repeated: Any = None
-        kind = None if self._given else transform_type(node)
-        if kind is None:
+        self._kind, self._robot = transform_type(node), node.get_namespace().strip('/')
+        if self._kind is None:
             self._given = self._given or Mount(Pose())
             return
-        self._robot = node.get_namespace().strip('/')
-        node.create_subscription(kind, names.TF_STATIC, self._on_static, qos.STATIC_TRANSFORMS)
-        self._kind = kind
-        self._hear_repeated()
+        node.create_subscription(self._kind, names.TF_STATIC, self._on_static,
+                                 qos.STATIC_TRANSFORMS)
+        if self._given is None:
+            self._hear_repeated()
 
     def find(self, base_frame: str, laser_frame: str) -> Mount | None:
         """Return a mount; None while TF does not know it, ValueError where it is tilted."""
-        if self._given is not None:
-            return self._given
         frames = (base_frame, laser_frame)
+        if self._given is not None:
+            self._compare(frames, self._given)
+            return self._given
         if frames not in self._known:
             mount = self._tree.mount(base_frame, laser_frame, self._robot)
             if mount is None:
@@ -72,6 +74,19 @@ class Mounts:
                 self._node.destroy_subscription(self._repeated)
                 self._repeated = None
         return self._known[frames]
+
+    def _compare(self, frames: tuple[str, str], given: Mount) -> None:
+        """Count, for all that TF says anew, that a mount which is given is not the one there."""
+        if frames in self._compared:
+            return
+        self._compared.add(frames)
+        try:
+            told = self._tree.mount(*frames, self._robot)
+        except ValueError:   # tilted, which whoever gave a mount knows
+            return
+        odd = '' if told is None else given.difference(told, frames[1])
+        if odd:
+            self._count('mount_differs', odd)
 
     def _hear_repeated(self) -> None:
         """Listen to /tf, unless that is done already."""
@@ -88,6 +103,7 @@ class Mounts:
         """Keep fixed transforms; look mounts up anew where one was corrected."""
         before = len(self._tree.corrected)
         self._tree.add(message.transforms)
+        self._compared.clear()
         if len(self._tree.corrected) > before:
             parent, child = self._tree.corrected[-1]
             self._count('mounts_corrected', f'{parent} -> {child} on /tf_static was corrected: '

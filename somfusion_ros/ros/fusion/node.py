@@ -187,7 +187,8 @@ class FusionNode(ManagedNode):
             self._count(f'{peer}_never_seen', never_seen(peer), self._config.peer_timeout)
         self._publisher.diagnostics(fusion_statuses(
             self.get_fully_qualified_name().lstrip('/'), self._name, self._session.snapshot,
-            heard, self._count.counts(), now, self._config.peer_timeout, missing))
+            heard, self._count.counts(), now, self._config.peer_timeout, missing,
+            self.without_clock, self._discovery.present))
 
     def _on_parameters(self, changes: list[Any]) -> Any:
         """Apply live changes, all or none."""

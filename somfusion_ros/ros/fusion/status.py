@@ -3,6 +3,7 @@
 """What fusion_node tells /diagnostics: how the node is doing, and how each peer."""
 
 from collections.abc import Collection, Mapping
+from math import inf
 from statistics import median
 from typing import Any
 
@@ -16,20 +17,31 @@ from somfusion_ros.team.world import anchor_of
 
 def fusion_statuses(node: str, robot: str, snapshot: Snapshot, heard: Mapping[str, Heard],
                     faults: Mapping[str, int], now: float, timeout: float,
-                    missing: Collection[str] = ()) -> list[DiagnosticStatus]:
-    """Return one status of the node, one per peer, and one per listed peer that was never seen."""
+                    missing: Collection[str] = (), without_clock: str = '',
+                    present: Collection[str] = ()) -> list[DiagnosticStatus]:
+    """
+    Return one status of the node, one per peer, and one per listed peer that was never seen.
+
+    without_clock: why there is no time, '' where there is; present: robots that publish now.
+    """
     connected = snapshot.connected(robot)
     values = {'peers': len(heard) - 1, 'connected': ', '.join(connected) or 'nobody',
               'world_is_map_of': anchor_of(snapshot.world(robot), snapshot.anchor),
               'world_changes': snapshot.world_changes,
               'dropped': '; '.join(d.reason for d in snapshot.solution.dropped),
               'transform_jumps': snapshot.jumps, **faults}
-    silent = '' if heard[robot].maps else "the robot's own map has not come yet"
+    silent = without_clock if heard[robot].maps else "the robot's own map has not come yet"
     return [status(node, robot, values, silent), *(
-        _peer_status(node, peer, snapshot, heard[peer], peer in connected, now, timeout)
+        _peer_status(node, peer, snapshot, heard[peer], peer in connected, now,
+                     inf if latched(heard[peer]) and peer in present else timeout)
         for peer in sorted(heard) if peer != robot), *(
         status(f'{node}: {peer}', peer, {'connected': False}, never_seen(peer))
         for peer in sorted(missing))]
+
+
+def latched(heard: Heard) -> bool:
+    """Tell whether a peer's map needs no repeating: one of map_server is told once."""
+    return bool(heard.maps) and not heard.session
 
 
 def never_seen(peer: str) -> str:

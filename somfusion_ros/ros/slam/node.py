@@ -33,6 +33,7 @@ from somfusion_ros.ros.slam.peer_bodies import PeerBodies
 from somfusion_ros.ros.slam.pipeline import Pipeline, TICK
 from somfusion_ros.ros.slam.publisher import SlamPublisher
 from somfusion_ros.ros.slam.scan_input import ScanInput
+from somfusion_ros.ros.slam.sources import hint
 from somfusion_ros.ros.slam.status import Last, silence, slam_status
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.config import SlamConfig
@@ -135,7 +136,8 @@ class SlamNode(ManagedNode):
         if mount is None:
             self._count('scans_without_mount', self._last.lacking, PATIENCE)
         elif not (self._last.paused or self._last.awaited):
-            scan = convert.scan_from_message(message, mount, laser)
+            scan = convert.scan_from_message(message, mount, laser,
+                                             self._config.scan_topics.index(laser))
             self._pipeline.add_scan(scan, message.header.stamp, self._bodies.known())
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -191,13 +193,14 @@ class SlamNode(ManagedNode):
         """Publish the status of the node, and log why nothing comes out."""
         self._scans.look()
         self._last.odometry_heard = self._odometry.heard
-        kind, reason = silence(self._last, time.monotonic(),
-                               self._pipeline.session.slam.counters['views'])
+        slam = self._pipeline.session.slam
+        kind, reason = silence(self._last, time.monotonic(), slam.counters['views'])
         if kind:
-            self._count(kind, f'{reason} (on {self._inputs})', PATIENCE)
+            self._last.hint = hint(self, self._config, kind)
+            self._count(kind, f'{reason}{self._last.hint} (on {self._inputs})', PATIENCE)
         self._publisher.diagnostics(slam_status(
-            self.get_fully_qualified_name().lstrip('/'), self.get_namespace(), self._last,
-            self._pipeline.session.slam, self._count.counts(), time.monotonic()))
+            self.get_fully_qualified_name().lstrip('/'), self.get_namespace(), self._last, slam,
+            self._count.counts(), time.monotonic(), self.without_clock))
 
     def _on_parameters(self, changes: list[Any]) -> Any:
         """Apply live changes, all or none."""

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Imu, JointState
 from somfusion_ros.geometry import Array
 from somfusion_ros.io.bags.odometry import TransformOdometry
 from somfusion_ros.io.bags.transforms import best_odometry, pairs_of
-from somfusion_ros.io.frame_names import is_base, plain
+from somfusion_ros.io.frame_names import bare, is_base, plain
 from somfusion_ros.node_config import SlamNodeConfig
 from somfusion_ros.ros.common import conversions as convert
 from somfusion_ros.ros.common import names, qos
@@ -42,6 +42,7 @@ class OdometryInput:
         self._transforms: TransformOdometry | None = None
         self._since: float | None = None
         self._heard = float('-inf')
+        self._frame_checked = False
         self._odom = self._tf = None
         source, heard = config.odometry_source, []
         options = {'qos_overriding_options': qos.overridable()}
@@ -77,7 +78,18 @@ class OdometryInput:
         except ValueError as error:
             self._count('odometry_not_finite', str(error))
             return
+        self._check_frame(message.header.frame_id)
         self._hand_on(stamp, pose, None)
+
+    def _check_frame(self, frame: str) -> None:
+        """Count, once, odometry in another frame than map is joined to, whatever its prefix."""
+        robot, wanted = self._node.get_namespace().strip('/'), self._config.odom_frame
+        if not self._frame_checked and plain(frame):
+            self._frame_checked = True
+            if bare(frame, robot) != bare(wanted, robot):
+                self._count('odom_frame_differs', f'the odometry is in {plain(frame)!r}, but '
+                            f'odom_frame is {wanted!r}: map -> {plain(wanted)} may not join the '
+                            f"robot's tree; set odom_frame: {plain(frame)}")
 
     def _on_joint_states(self, message: JointState) -> None:
         """Integrate the two wheels; other joints may come in messages of their own."""
@@ -130,10 +142,11 @@ class OdometryInput:
         if not sure and now - self._since < PATIENCE:
             return
         self._transforms = TransformOdometry(frames)
-        other = ('' if frames[0] == self._config.odom_frame else
-                 f'; set odom_frame: {frames[0]}, so that map joins this tree')
         self._node.get_logger().info(
-            f'the odometry is taken from /tf: {frames[0]} -> {frames[1]}{other}')
+            f'the odometry is taken from /tf: {frames[0]} -> {frames[1]}')
+        if frames[0] != plain(self._config.odom_frame):
+            self._count('odom_frame_differs', f'the odometry is in {frames[0]!r}: set odom_frame: '
+                        f'{frames[0]}, so that map joins this tree')
         if self._odom is not None:
             self._node.destroy_subscription(self._odom)
             self._odom = None

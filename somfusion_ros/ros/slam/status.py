@@ -25,7 +25,7 @@ class Last:
     took, scans processed so far, when scans and odometry were heard [s, steady clock], what the
     newest scan lacked, whether new scans are left out, which map is waited for, whether the robot
     ever had a place in its map, why the last state was not saved, by how much odometry comes late
-    [s], and scans and time at the last report.
+    [s], why nothing was heard, and scans and time at the last report.
     """
 
     stamp: Time | None = None
@@ -41,6 +41,7 @@ class Last:
     placed: bool = True
     not_saved: str = ''
     odometry_late: float = 0.0
+    hint: str = ''
     reported: tuple[int, float] = (0, 0.0)
 
     @property
@@ -80,8 +81,12 @@ def silence(last: Last, now: float, views: int) -> tuple[str, str]:
 
 
 def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mapping[str, int],
-                now: float) -> DiagnosticStatus:
-    """Build the status of a slam_node; now [s] is the time of a steady clock."""
+                now: float, without_clock: str = '') -> DiagnosticStatus:
+    """
+    Build the status of a slam_node; now [s] is the time of a steady clock.
+
+    without_clock: why there is no time, '' where there is.
+    """
     (scans, since), last.reported = last.reported, (last.scans, now)
     sigma = slam.pose_sigma
     values = {'scans_per_s': (last.scans - scans) / max(now - since, 1e-3),
@@ -91,7 +96,8 @@ def slam_status(node: str, namespace: str, last: Last, slam: Slam, faults: Mappi
               'pose_sigma_x_m': sigma[0], 'pose_sigma_y_m': sigma[1],
               'pose_sigma_yaw_rad': sigma[2], **slam.counters.copy(), **faults}
     _, silent = silence(last, now, slam.counters['views'])
-    warning = 'paused: new scans are left out' if last.paused else silent
+    warning = 'paused: new scans are left out' if last.paused else (
+        f'{silent}{last.hint}' if silent else without_clock)
     if slam.lost and not warning:
         warning = f'lost: {slam.lost}'
     if last.odometry_late and not warning:
