@@ -20,7 +20,7 @@ from somfusion_ros.io.result import fusion_record, make_folder, write_result, wr
 from somfusion_ros.io.trajectories import write_tum
 from somfusion_ros.offline.beginning import Beginning, from_map, from_state
 from somfusion_ros.offline.fusing import draw, fuse_with_progress
-from somfusion_ros.offline.result_bag import period_of, write_replay_bag
+from somfusion_ros.offline.result_bag import period_of, refuse_to_replace, write_replay_bag
 from somfusion_ros.offline.robot_run import RobotRun
 from somfusion_ros.offline.robot_runs import run_robots
 from somfusion_ros.offline.summary import tell_found, tell_fusion, tell_robot
@@ -97,6 +97,8 @@ def replay(bags: Sequence[str | Path], output: str | Path,
     beginning = _beginning(options, len(logs))
     if options.localize is not None:
         refuse_to_overwrite([options.localize], [Path(output), Path(output) / 'robot1'])
+    if options.bag:
+        refuse_to_replace(Path(output) / 'bag', [log.path for log in logs.values()])
     folder = make_folder(output)
     period = period_of([log.duration for log in logs.values()]) if options.bag else None
     runs = run_robots(logs, options.slam, options.jobs, period, beginning)
@@ -172,6 +174,8 @@ def open_logs(bags: Sequence[str | Path], options: ReplayOptions) -> list[Log]:
             say(f'{bag}: robots {", ".join(names)}')
         logs += [open_log(bag, replace(options.bags, namespace=name.strip('/')))
                  for name in names]
+    if len({(log.path.resolve(), log.options.namespace) for log in logs}) < len(logs):
+        raise InputError(f'{" ".join(map(str, bags))}: a bag is given twice; it is one robot')
     return logs
 
 

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a replay found, over time, as a bag for Foxglove and RViz: one tree, prefixed frames."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 import shutil
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +17,30 @@ from somfusion_ros.grid import Grid
 from somfusion_ros.io.bags.writer import BagWriter, quaternion
 from somfusion_ros.io.cluster_rows import CLUSTER_FIELDS, cluster_rows
 from somfusion_ros.io.console import progress_bar
+from somfusion_ros.io.errors import InputError
 from somfusion_ros.offline.history import History
 from somfusion_ros.offline.robot_run import RobotRun
 from somfusion_ros.slam.step import Step
 from somfusion_ros.team.offline import fuse, Fusion
+import yaml
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 MAPS = 30             # of each robot, in the time of the longest log
 SHORTEST_PERIOD = 2.0   # [s]
 FLOAT32 = 7           # of sensor_msgs/PointField
+MARK = ('written_by', 'somfusion replay')   # in the metadata, by which it may be replaced
 
 
 class ResultBag(BagWriter):
     """A bag of results; every topic that holds until it is replaced is latched."""
 
     latched = ('tf_static', 'map', 'global_map', 'clusters')
+
+    def __enter__(self) -> 'Self':
+        self._writer.set_custom_data(*MARK)
+        return super().__enter__()
 
     def grid(self, topic: str, stamp: float, frame: str, grid: Grid) -> None:
         """Write a map."""
@@ -75,6 +86,26 @@ class ResultBag(BagWriter):
         return self._make('geometry_msgs/msg/Pose',
                           self._make('geometry_msgs/msg/Point', x, y, 0.0),
                           self._make('geometry_msgs/msg/Quaternion', *quaternion(theta)))
+
+
+def refuse_to_replace(folder: Path, read: Iterable[Path]) -> None:
+    """Raise InputError where a bag of results would replace one that is read, or a recording."""
+    if any(path.resolve() == folder.resolve() or folder.resolve() in path.resolve().parents
+           for path in read):
+        raise InputError(f'{folder}: the result would replace it; give another --output')
+    if folder.exists() and not _is_result(folder / 'metadata.yaml'):
+        raise InputError(f'{folder}: exists, and is no bag of an earlier replay; give another '
+                         '--output')
+
+
+def _is_result(metadata: Path) -> bool:
+    """Tell whether a bag was written here, by its metadata."""
+    try:
+        content = yaml.safe_load(metadata.read_text(encoding='utf-8'))
+        custom = content['rosbag2_bagfile_information']['custom_data']
+        return bool(custom[MARK[0]] == MARK[1])
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        return False
 
 
 def period_of(durations: list[float]) -> float:

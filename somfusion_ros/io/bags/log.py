@@ -152,6 +152,9 @@ def open_log(path: str | Path, options: BagOptions | None = None) -> Log:
         notes: list[str] = []
         if odometry.kind == 'none' and options.odometry_source == 'auto':
             notes.append(f'{reader.path}: {NO_ODOMETRY}: it is mapped from the scans alone')
+        if (options.wheel_radius or options.wheel_separation) and odometry.kind != 'encoders':
+            notes.append(f'{reader.path}: the wheels are not used, as there is odometry of kind '
+                         f'{odometry.kind}: for them give --odometry-source encoders')
         lasers = {topic: _mount_of(reader, topic, odometry.base_frame, options, notes)
                   for topic in topics}
         if len(topics) > 1 and any('is taken to sit' in note for note in notes):

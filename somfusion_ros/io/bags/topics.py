@@ -106,6 +106,9 @@ def _odometry(reader: BagReader, options: BagOptions) -> OdometrySource:
     kind, namespace = options.odometry_source, options.namespace
     if kind not in ODOMETRY_SOURCES:
         raise ValueError(f'odometry source {kind!r} is none of {", ".join(ODOMETRY_SOURCES)}')
+    if options.odom_topic is not None and kind not in ('auto', 'odom'):
+        raise reader.error(f'--odom-topic {options.odom_topic} is not used with odometry source '
+                           f'{kind}: leave out one of them')
     in_tf = None
     if kind == 'auto':
         kind, in_tf = _best_source(reader, options)
