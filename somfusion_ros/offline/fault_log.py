@@ -4,7 +4,7 @@
 
 from collections import Counter
 
-USUAL = ('match_rejected', 'lost', 'odometry_jumps')   # faults of a drive, not of its data
+USUAL = ('match_rejected', 'odometry_jumps')   # faults of a drive, not of its data
 MANY = 0.2   # share of the scans from which those are said all the same
 AT_ENDS = ('scans_without_odometry', 'scans_before_odometry')   # faults at both ends of a log
 FEW = 0.05   # share of the scans up to which those are not said
@@ -26,7 +26,7 @@ class FaultLog:
         """Return the sentences on what was odd in a log of so many scans."""
         return [f'{kind}: {reason} ({self.counts[kind]} times)'
                 for kind, reason in self._reasons.items()
-                if self.counts[kind] > scans * (
+                if kind != 'lost' and self.counts[kind] > scans * (   # that is said where it ends
                     MANY if kind in USUAL else FEW if kind in AT_ENDS else 0.0)]
 
     def main_cause(self) -> str:

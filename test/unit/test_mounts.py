@@ -107,5 +107,6 @@ def test_what_is_usual_of_a_drive_is_said_where_it_is_much() -> None:
     faults = FaultLog()
     for _ in range(19):
         faults('odometry_jumps', 'too fast')
+        faults('lost', 'until it is found in the map that was given')
     assert not faults.notes(100)
     assert faults.notes(50) == ['odometry_jumps: too fast (19 times)']
