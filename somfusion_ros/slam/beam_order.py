@@ -1,16 +1,20 @@
 # Copyright 2026 The somfusion_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-In which order a laser took the beams of a scan: rising, falling, or all at once.
+In which order a laser took the beams of a scan: rising, falling, or all at once, and from where.
 
-Some drivers turn the beams of a clockwise laser round, and leave `time_increment` positive; others
-undo the robot's motion themselves, or simulate all beams at one moment, and set it all the same.
-Deskewing then doubles the distortion that it should undo. While the robot turns, the data can
-tell: two scans that were taken at different turn rates fit one another best in the true order.
+Some drivers turn the beams of a clockwise laser round, and leave `time_increment` positive; those
+of lasers that see all round may list the beams from another bearing than that where the sweep
+began; others undo the robot's motion themselves, or simulate all beams at one moment, and set it
+all the same. Deskewing then doubles the distortion that it should undo. While the robot turns, the
+data can tell: two scans that were taken at different turn rates fit one another best in the true
+order.
 """
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from somfusion_ros.geometry import between
@@ -20,6 +24,7 @@ from somfusion_ros.slam.local_map import LocalMap
 from somfusion_ros.slam.matching import Match, register
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Cloud, cloud, Scan
+from somfusion_ros.slam.sweep_order import in_order, Order, order_of, ORDERS, possible
 
 
 @dataclass(frozen=True)
@@ -55,17 +60,38 @@ class BeamOrderTuning:
 
 TUNING = BeamOrderTuning()
 LEAST = 0.001   # [m] residual of a match, below which smaller is no better
-RISING, FALLING, AT_ONCE = 1.0, -1.0, 0.0
-ORDERS = {'rising': RISING, 'falling': FALLING, 'at_once': AT_ONCE}
-WORDS = {FALLING: 'falling order', AT_ONCE: 'no order, all at once', RISING: 'rising order'}
+FINER = 0.125, 0.0625     # of a sweep, by which its beginning is moved once it is about known
 
 
-@dataclass(frozen=True, eq=False)
 class Reference:
-    """A scan that later ones are compared with: its local map in each order, its odometry."""
+    """A scan that later ones are compared with."""
 
-    maps: dict[float, LocalMap]
+    def __init__(self, scan: Scan, odometry: Odometry, max_range: float) -> None:
+        self.scan, self.odometry, self._max_range = scan, odometry, max_range
+        self._maps: dict[Order, LocalMap] = {}
+
+    def match(self, scan: Scan, odometry: Odometry, order: Order) -> Match:
+        """Match a later scan with this one, with the beams of both in an order."""
+        if order not in self._maps:
+            alone = self._seen(self.scan, self.odometry, order)
+            self._maps[order] = LocalMap.of_views([alone], [np.zeros(3)])
+        return register(self._seen(scan, odometry, order), self._maps[order],
+                        between(self.odometry.pose, odometry.pose))
+
+    def _seen(self, scan: Scan, odometry: Odometry, order: Order) -> Cloud:
+        return cloud(in_order(scan, order), self._max_range, odometry.twist)
+
+
+class Compared(NamedTuple):
+    """Two scans that were compared."""
+
+    reference: Reference
+    scan: Scan
     odometry: Odometry
+
+    def misfit(self, order: Order) -> float:
+        """Return how badly the two fit one another in an order."""
+        return _misfit(self.reference.match(self.scan, self.odometry, order))
 
 
 class BeamOrder:
@@ -80,10 +106,11 @@ class BeamOrder:
 
     def __init__(self, count: Callable[..., None]) -> None:
         self._count = count
-        self._order: float | None = None          # by the data, once it is known
+        self._order: Order | None = None          # by the data, once it is known
         self._previous: Odometry | None = None
         self._reference: Reference | None = None
-        self._told: list[dict[float, float]] = []   # log of the misfit, by order
+        self._told: list[dict[Order, float]] = []   # log of the misfit, by order
+        self._compared: deque[Compared] = deque(maxlen=TUNING.enough)
         self._last = -np.inf
 
     @property
@@ -92,7 +119,7 @@ class BeamOrder:
         return self._order is not None or len(self._told) >= TUNING.most
 
     def mend(self, scan: Scan, odometry: Odometry, config: SlamConfig) -> Scan:
-        """Return the scan with the sign of its time_increment as the beams were taken."""
+        """Return the scan with its beams in the order in which they were taken."""
         if scan.beam_time == 0.0 or scan.fault() or odometry.fault():
             return scan
         if config.beam_order != AUTO:
@@ -102,9 +129,9 @@ class BeamOrder:
         if self._order is None:
             return scan
         mended = in_order(scan, self._order)
-        if mended.time_increment != scan.time_increment:
+        if order_of(mended) != order_of(scan):
             self._count('scan_beam_order', 'while the robot turns, scans fit one another best '
-                        f'with the beams in {WORDS[self._order]} of time: they are taken so')
+                        f'with the beams in {self._order.words()}: they are taken so')
         return mended
 
     def _learn(self, scan: Scan, odometry: Odometry, max_range: float) -> None:
@@ -114,50 +141,48 @@ class BeamOrder:
             return
         reference = self._reference
         if reference is None or not _near(reference.odometry, odometry):
-            self._reference = Reference(
-                {order: _alone(_seen(scan, odometry, order, max_range))
-                 for order in ORDERS.values()}, odometry)
+            self._reference = Reference(scan, odometry, max_range)
             return
         skew = (odometry.twist[2] - reference.odometry.twist[2]) * scan.sweep
         if abs(skew) < TUNING.skew or abs(odometry.stamp - self._last) < TUNING.apart:
             return
         self._last = odometry.stamp
-        seed = between(reference.odometry.pose, odometry.pose)
-        found = {order: register(_seen(scan, odometry, order, max_range), around, seed)
-                 for order, around in reference.maps.items()}
-        if max(match.inlier_ratio for match in found.values()) >= TUNING.fits:
-            self._told.append({order: _misfit(match) for order, match in found.items()})
-            self._decide(RISING if scan.beam_time > 0.0 else FALLING)
+        found = {order: reference.match(scan, odometry, order)
+                 for order in possible(reference.scan)}
+        if max(match.inlier_ratio for match in found.values()) < TUNING.fits:
+            return
+        if self._told and found.keys() != self._told[0].keys():   # it sees another angle now
+            self._told.clear()
+        self._told.append({order: _misfit(match) for order, match in found.items()})
+        self._compared.append(Compared(reference, scan, odometry))
+        self._decide(order_of(scan))
 
-    def _decide(self, usual: float) -> None:
+    def _decide(self, usual: Order) -> None:
         """Believe an order once it is clear; another than the usual one must fit much better."""
         if len(self._told) < TUNING.enough:
             return
-        told = {order: np.array([one[order] for one in self._told]) for order in ORDERS.values()}
+        told = {order: np.array([one[order] for one in self._told]) for order in self._told[0]}
         best = min(told, key=lambda order: float(told[order].mean()))
         for order, misfits in told.items():
+            if order == best or order != usual and order.resembles(best):
+                continue
             gain = misfits - told[best]
             sigma = float(gain.std()) / np.sqrt(len(gain)) + 1e-9
-            least = (max(TUNING.better, TUNING.clear * sigma) if order == usual else
-                     TUNING.distinct * sigma)
-            if order != best and gain.mean() < least:
+            if gain.mean() < (max(TUNING.better, TUNING.clear * sigma) if order == usual else
+                              TUNING.distinct * sigma):
                 return
-        self._order, self._reference = best, None
+        self._order = best if best == usual else self._refined(best)
+        self._reference = None
+        self._compared.clear()
 
-
-def in_order(scan: Scan, order: float) -> Scan:
-    """Return a scan whose beams were taken in an order: RISING, FALLING or AT_ONCE."""
-    return replace(scan, time_increment=order * abs(scan.time_increment))
-
-
-def _seen(scan: Scan, odometry: Odometry, order: float, max_range: float) -> Cloud:
-    """Return what a scan saw if its beams were taken in an order."""
-    return cloud(in_order(scan, order), max_range, odometry.twist)
-
-
-def _alone(seen: Cloud) -> LocalMap:
-    """Return the local map of one scan."""
-    return LocalMap.of_views([seen], [np.zeros(3)])
+    def _refined(self, order: Order) -> Order:
+        """Return an order with the beginning of the sweep as the scans that were compared fit."""
+        for step in FINER if order.shifted(0.25) in self._told[0] else ():
+            told = {near: np.mean([one.misfit(near) for one in self._compared])
+                    for near in (order, order.shifted(-step), order.shifted(step))}
+            best = min(told, key=lambda near: float(told[near]))
+            order = best if told[best] < told[order] - TUNING.better else order
+        return order
 
 
 def _misfit(match: Match) -> float:

@@ -16,6 +16,7 @@ from somfusion_ros.slam.config import AUTO, SlamConfig
 from somfusion_ros.slam.laser import MOST_LASERS
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import Scan
+from somfusion_ros.slam.sweep_order import order_of
 
 MOST_EARLY = 600        # scans that are kept until the order is known: a minute at 10 Hz
 FEW = 50                # scans without any time_increment, after which none is waited for
@@ -47,14 +48,14 @@ class BeamOrders:
         self._early = None
 
     def mend(self, early: Early, config: SlamConfig) -> Scan:
-        """Return the scan with the sign of its time_increment as the beams were taken."""
+        """Return the scan with the beams in the order in which they were taken."""
         scan = early.scan
         if scan.laser not in self._orders and len(self._orders) >= MOST_LASERS:
             return scan
         order = self._orders.setdefault(scan.laser, BeamOrder(self._count))
         known = order.decided
         mended = order.mend(scan, early.odometry, config)
-        if order.decided and not known and mended.time_increment != scan.time_increment:
+        if order.decided and not known and order_of(mended) != order_of(scan):
             self._again = config
         else:
             self._keep(early, config)

@@ -5,9 +5,10 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
-from somfusion_ros.geometry import Array
+from somfusion_ros.geometry import Array, difference
 from somfusion_ros.settings import tuned
 from somfusion_ros.slam.free_space import Outline
 
@@ -26,6 +27,11 @@ class MapScanTuning:
     kept: int = tuned(
         4, 'scans', 'kept of one place, the newest; with 8 the share of right walls is the same, '
         'and a map takes longer to fill up', 'benchmarks/life.py, benchmarks/week.py, CSAIL')
+    standing: int = tuned(
+        5, 'scans', 'kept where a robot stands: as many make free what they look through',
+        'by design')
+    pause: float = tuned(
+        0.5, 's', 'between two scans of a robot that stands', 'by design')
     often: int = tuned(
         8, 'scans', 'taken at one place make it one where the robot has been often', 'shared logs')
 
@@ -54,7 +60,7 @@ class MapScans:
         self._scans: dict[MapScan, None] = {}
         self._places: defaultdict[Place, list[MapScan]] = defaultdict(list)
         self._taken: Counter[Place] = Counter()
-        self.newest_at = np.zeros(3)     # pose in the map
+        self._newest_at, self._newest = np.zeros(3), -np.inf     # pose in the map, stamp
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -62,15 +68,30 @@ class MapScans:
     def __iter__(self) -> Iterator[MapScan]:
         return iter(self._scans)
 
-    def add(self, scan: MapScan, pose: Array) -> None:
-        """Keep a scan taken at a pose (3,) in the map."""
+    def add(self, scan: MapScan, pose: Array, stamp: float = -np.inf,
+            most: int = TUNING.kept) -> None:
+        """Keep a scan taken at a pose (3,) in the map and a stamp [s], of its place the newest."""
         self._scans[scan] = None
-        self.newest_at = pose
+        self._newest_at, self._newest = pose, stamp
         self._taken[place_of(pose)] += 1
         here = self._places[place_of(pose)]
         here.append(scan)
-        if len(here) > TUNING.kept:
+        while len(here) > most:
             del self._scans[here.pop(0)]
+
+    def offer(self, scan: MapScan, pose: Array, stamp: float, spacing: float) -> None:
+        """Keep a scan where the robot moved on by a spacing [m, rad], or stands and has few."""
+        if not _within(spacing, pose, self._newest_at):
+            self.add(scan, pose, stamp)
+        elif stamp - self._newest >= TUNING.pause and max(
+                len(self._places.get(place_of(pose), ())),
+                self._alike(scan, spacing)) < TUNING.standing:    # it may stand between places
+            self.add(scan, pose, stamp, TUNING.standing)
+
+    def _alike(self, scan: MapScan, spacing: float) -> int:
+        """Count those of the newest scans that were taken where a scan was."""
+        return sum(last.view == scan.view and _within(spacing, last.T_view_base, scan.T_view_base)
+                   for last in islice(reversed(self._scans), TUNING.standing))
 
     def often(self, pose: Array) -> bool:
         """Return whether many scans were taken where a pose (3,) is."""
@@ -96,6 +117,12 @@ class MapScans:
     def copy(self) -> list[MapScan]:
         """Return the scans by age."""
         return list(self._scans)
+
+
+def _within(spacing: float, pose: Array, other: Array) -> bool:
+    """Return whether poses (3,) differ by less than a spacing [m, rad]."""
+    d = difference(pose, other)
+    return bool(np.hypot(d[0], d[1]) < spacing and abs(d[2]) < spacing)
 
 
 def place_of(pose: Array) -> Place:

@@ -26,7 +26,8 @@ class Scan:
     [m], time_increment [s] between beams, negative where they were taken in falling order (the
     stamp is then that of the last beam), and the laser's mount on the robot. open_reach (B,) [m]:
     how far a beam without a return frees space, None: as far as the laser reaches. laser: a name
-    of the laser that took it; odd: what had to be mended in the message.
+    of the laser that took it; odd: what had to be mended in the message. begins: share of the
+    beams, as listed, that lies before the place where the sweep began.
     """
 
     stamp: float
@@ -40,6 +41,7 @@ class Scan:
     open_reach: Array | None = None
     laser: str = ''
     odd: str = ''
+    begins: float = 0.0
 
     @property
     def sweep(self) -> float:
@@ -51,6 +53,16 @@ class Scan:
         """Time [s] from beam to beam, negative in falling order; 0 where it is not known."""
         possible = abs(self.time_increment) * len(self.ranges) < LONGEST_SWEEP
         return self.time_increment if possible else 0.0
+
+    @property
+    def beam_times(self) -> Array | None:
+        """Time (B,) [s] of every beam after the first in time; None where it is not known."""
+        n, each = len(self.ranges), self.beam_time
+        if each == 0.0:
+            return None
+        rank = np.arange(n) if each > 0.0 else np.arange(n)[::-1]
+        first = round(self.begins * n)
+        return abs(each) * ((rank - (first if each > 0.0 else n - first)) % n)
 
     def fault(self) -> str:
         """Name what makes the scan unusable, '' if nothing does."""
@@ -103,7 +115,7 @@ def cloud(scan: Scan, max_range: float, twist: Array | None = None) -> Cloud:
         np.isposinf(ranges), np.minimum(scan.open_reach, limit), limit)
     reach = np.where(hit, ranges, np.where(beyond, free, 0.0))
     beams = reach[:, None] * _directions(scan.angle_min, scan.angle_increment, len(ranges))
-    placed = _deskew(apply(scan.T_base_laser, beams), scan.beam_time, twist)
+    placed = _deskew(apply(scan.T_base_laser, beams), scan.beam_times, twist)
     origin = np.array(scan.T_base_laser[:2])
     hits = placed[hit]
     points, joined = _thin(hits, _joined(hits, np.flatnonzero(hit), ranges[hit],
@@ -162,13 +174,10 @@ def _spacing(points: Array, joined: NDArray[np.bool_]) -> float:
     return float(np.median(np.hypot(step[:, 0], step[:, 1]))) if len(step) else SPACING
 
 
-def _deskew(points: Array, time_increment: float, twist: Array | None) -> Array:
-    """Move each beam's point (B, 2) from the base where it was taken to that at the stamp."""
-    if time_increment == 0.0 or twist is None:
+def _deskew(points: Array, t: Array | None, twist: Array | None) -> Array:
+    """Move points (B, 2) from the bases t (B,) [s] after the stamp to that at the stamp."""
+    if t is None or twist is None:
         return points
-    t = abs(time_increment) * np.arange(len(points))
-    if time_increment < 0.0:
-        t = t[::-1]
     c, s = np.cos(twist[2] * t), np.sin(twist[2] * t)
     return np.column_stack([c * points[:, 0] - s * points[:, 1] + twist[0] * t,
                             s * points[:, 0] + c * points[:, 1] + twist[1] * t])

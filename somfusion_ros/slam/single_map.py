@@ -6,8 +6,7 @@ from collections import Counter, deque
 from threading import Lock
 
 import numpy as np
-from somfusion_ros.geometry import (Array, between, compose, compose_jacobians, difference,
-                                    inverse, Pose)
+from somfusion_ros.geometry import Array, between, compose, compose_jacobians, inverse, Pose
 from somfusion_ros.slam import places
 from somfusion_ros.slam.checkpoint import Checkpoint, ViewGraph
 from somfusion_ros.slam.config import SlamConfig
@@ -229,19 +228,15 @@ class SingleMap:
         if self.graph.clouds:
             self.graph.trail.append(stamp, self._at, hung)
         pose, covariance = self.pose()
-        if self.graph.clouds and self.grows and (
-                is_view or self._adds_to_map(pose) and not self.tracker.lost):
-            self.graph.scans.add(MapScan(self._at, hung, seen.outline), pose)
+        scan = MapScan(self._at, hung, seen.outline)
+        if self.graph.clouds and self.grows and is_view:
+            self.graph.scans.add(scan, pose, stamp)
+        elif self.graph.clouds and self.grows and not self.tracker.lost:
+            self.graph.scans.offer(scan, pose, stamp, self.config.map_scan_distance)
         T_map_odom = Pose.from_array(compose(pose, inverse(odometry.pose)))
         self.last = Step(stamp, Pose.from_array(pose), covariance, T_map_odom, True, track.matched,
                          track.inlier_ratio, is_view, track.reason, max(self._at, 0), track.moved)
         return self.last
-
-    def _adds_to_map(self, pose: Array) -> bool:
-        """Return whether the robot moved enough since the last map scan for a new one."""
-        d = difference(pose, self.graph.scans.newest_at)
-        return bool(np.hypot(d[0], d[1]) >= self.config.map_scan_distance
-                    or abs(d[2]) >= self.config.map_scan_distance)
 
     def pose(self) -> tuple[Array, Array]:
         """Compose last view and tracker: pose T_map_base (3,) and its covariance (3, 3)."""

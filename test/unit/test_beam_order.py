@@ -13,12 +13,13 @@ from somfusion_ros.simulation.floor_plan import PLANS
 from somfusion_ros.simulation.laser import Laser, Scene
 from somfusion_ros.simulation.simulate import drive_robot, SimulationOptions
 from somfusion_ros.simulation.trial import simulate_trial, Trial
-from somfusion_ros.slam.beam_order import BeamOrder, in_order, ORDERS
+from somfusion_ros.slam.beam_order import BeamOrder
 from somfusion_ros.slam.beam_orders import MOST_EARLY
 from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.motion import OdometryBuffer
 from somfusion_ros.slam.scan import cloud, Scan
 from somfusion_ros.slam.session import Session
+from somfusion_ros.slam.sweep_order import in_order, Order, order_of, ORDERS
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +44,25 @@ class Still(Laser):
         return np.zeros(self.beams)
 
 
-KINDS: dict[str, type[Laser]] = {'rising': Laser, 'falling': Turned, 'at_once': Still}
+class Listed(Turned):
+    """A clockwise laser whose driver lists the beams from another bearing than the first's."""
+
+    def beam_times(self) -> Array:
+        """Time (B,) [s] of every beam after the first in time."""
+        return np.roll(super().beam_times(), round(0.25 * self.beams))
+
+
+class Between(Turned):
+    """The same, from a bearing between those that are tried."""
+
+    def beam_times(self) -> Array:
+        """Time (B,) [s] of every beam after the first in time."""
+        return np.roll(super().beam_times(), round(0.62 * self.beams))
+
+
+KINDS: dict[str, type[Laser]] = {'rising': Laser, 'falling': Turned, 'at_once': Still,
+                                 'from a quarter on': Listed, 'from 0.62 on': Between}
+TRUE = {**ORDERS, 'from a quarter on': Order(-1.0, 0.25), 'from 0.62 on': Order(-1.0, 0.625)}
 
 
 @lru_cache
@@ -73,11 +92,12 @@ def learned(drive: Trial, tell: float = 1.0) -> tuple[list[Scan], Counter[str]]:
 
 
 @pytest.mark.parametrize(('kind', 'laser'), [
-    *((kind, laser) for kind in KINDS for laser in list(LASERS)[:2]),
-    ('falling', '20 Hz, 270 deg')])
+    *((kind, laser) for kind in ORDERS for laser in list(LASERS)[:2]),
+    ('falling', '20 Hz, 270 deg'),
+    ('from a quarter on', '5 Hz, all round'), ('from 0.62 on', '5 Hz, all round')])
 def test_the_order_is_found_within_45_s_of_driving(kind: str, laser: str) -> None:
     mended, counts = learned(trial(kind, laser, 45.0))
-    assert np.sign(mended[-1].time_increment) == ORDERS[kind]
+    assert order_of(mended[-1]) == TRUE[kind]
     assert (counts['scan_beam_order'] > 0) == (kind != 'rising')
 
 
@@ -97,8 +117,9 @@ def test_a_robot_that_never_turns_learns_nothing() -> None:
 
 def test_falling_order_undoes_what_rising_order_would_double() -> None:
     twist, turned = np.array([0.0, 0.0, 1.0]), trial('falling', '5 Hz, all round', 45.0).scans[0]
-    rising, falling = (cloud(in_order(turned, order), 30.0, twist) for order in (1.0, -1.0))
-    once = cloud(in_order(turned, 0.0), 30.0)
+    rising, falling = (cloud(in_order(turned, ORDERS[order]), 30.0, twist)
+                       for order in ('rising', 'falling'))
+    once = cloud(in_order(turned, ORDERS['at_once']), 30.0)
     first, last = rising.outline.ends[[0, -1]], falling.outline.ends[[0, -1]]
     np.testing.assert_allclose(first[0], once.outline.ends[0], atol=1e-12)
     np.testing.assert_allclose(last[1], once.outline.ends[-1], atol=1e-12)
@@ -119,9 +140,10 @@ def run(drive: Trial, beam_order: str = 'auto') -> tuple[float, Counter[str], Se
     return float(np.hypot(*(poses - drive.truth(stamps))[:, :2].T).max()), counts, session
 
 
-def test_a_map_that_began_in_the_wrong_order_is_begun_anew() -> None:
+@pytest.mark.parametrize('kind', ['falling', 'from a quarter on'])
+def test_a_map_that_began_in_the_wrong_order_is_begun_anew(kind: str) -> None:
     """Bound: 0.1 m where the order that was told makes over 0.5 m."""
-    drive = trial('falling', '5 Hz, all round', 45.0)
+    drive = trial(kind, '5 Hz, all round', 45.0)
     wrong, counts, _ = run(drive, 'rising')
     assert wrong > 0.5
     assert not counts['scan_beam_order']
