@@ -116,7 +116,8 @@ def cells_from_message(message: OccupancyGrid, max_cells: int) -> MapCells:
         raise ValueError(f'grid of {width} x {height} cells has data of {len(message.data)}')
     values = np.frombuffer(message.data, dtype=np.int8).reshape(height, width)
     values = np.where((values >= FREE) & (values <= OCCUPIED), values, np.int8(UNKNOWN))
-    return MapCells(values, message.info.resolution, pose_from_message(message.info.origin))
+    resolution = float(str(np.float32(message.info.resolution)))   # 0.05, not 0.05000000074505806
+    return MapCells(values, resolution, pose_from_message(message.info.origin))
 
 
 def grid_from_message(message: OccupancyGrid, max_cells: int) -> Grid:
