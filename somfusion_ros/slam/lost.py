@@ -21,6 +21,7 @@ from somfusion_ros.slam.covariance import seen_turned
 from somfusion_ros.slam.mapping import Mapper
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.relocation import KnownMap, Placed, Relocation
+from somfusion_ros.slam.restart import Resumed, went_on
 from somfusion_ros.slam.single_map import SingleMap
 from somfusion_ros.slam.step import Step
 
@@ -77,6 +78,10 @@ class Lost:
             step = between(self._odometry.pose, odometry.pose)
             self.metres += float(np.hypot(step[0], step[1]))
         self._odometry = odometry
+
+    def went_on(self, tracker: Resumed, odometry: Odometry) -> bool:
+        """Return whether its first odometry tells that it drove on while it was switched off."""
+        return self._stood is not None and self._odometry is None and went_on(tracker, odometry)
 
     @property
     def reason(self) -> str:

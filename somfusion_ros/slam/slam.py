@@ -79,11 +79,8 @@ class Slam:
                      if start.localization and checkpoint is not None else
                      SingleMap(self.config, self.counters, checkpoint))
         self._mapper = Mapper(self.config.resolution, self.counters)
-        self._last = self._map.last
-        self._lost: Lost | None = None
-        if checkpoint is not None:
-            self._last = None if start.anywhere else self._last
-            self._lost = self._lose(self._last)
+        self._last = None if start.anywhere else self._map.last
+        self._lost: Lost | None = None if checkpoint is None else self._lose(self._last)
         self._map.graph.epoch = epoch if checkpoint is None else checkpoint.epoch_in(
             epoch, start.localization)
 
@@ -123,6 +120,8 @@ class Slam:
             scan = bodies.hide(scan, expected)
         seen = cloud(scan, self.config.max_laser_range, odometry.twist)
         with self._switch:
+            if self._lost and self._lost.went_on(self._map.tracker, odometry):
+                self._lost = None    # as after a gap between scans
             step = self._last = self._follow(scan.stamp, seen, odometry)
         while not self._background and self.work():
             continue

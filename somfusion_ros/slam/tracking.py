@@ -42,7 +42,7 @@ class Tracker:
         self._scale = ScaleError()
         self._velocity, self._dt = np.zeros(3), 0.0
         self._unseen, self.usual = 0.0, 0.0   # [s] since the last match, inlier ratio of late
-        self.lost = self._resumed = False
+        self.lost = self.resumed = False
         self.placed = False         # whether the next match tells motion only, no correction
         self._anchor, self._bursts = Anchor(), Bursts()
         self.calibration = Calibration()
@@ -66,7 +66,7 @@ class Tracker:
         c.turning, c.P_turning = s.turning.copy(), s.P_turning.copy()
         c.travelling, c.P_travelling = s.travelling.copy(), s.P_travelling.copy()
         self._scale.derivatives = s.scale
-        self._resumed, self.placed = True, False
+        self.resumed, self.placed = True, False
 
     def start_view(self, local_map: LocalMap) -> None:
         """Make the current pose the last view, seen with the local map around it."""
@@ -90,8 +90,8 @@ class Tracker:
 
     def step(self, scan: Cloud, odometry: Odometry) -> Track:
         """Predict to the scan's odometry, then correct by matching the scan."""
-        if self._resumed and len(scan) >= FEWEST:
-            self._resumed = False
+        if self.resumed and len(scan) >= FEWEST:
+            self.resumed = False
             if self._began_anew(scan, odometry):
                 self.odometry = odometry
         self.odometry = odometry.corrected(self.odometry)

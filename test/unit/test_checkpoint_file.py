@@ -16,11 +16,13 @@ import pytest
 from somfusion_ros.geometry import Array, between, compose
 from somfusion_ros.grid import Grid
 from somfusion_ros.offline.beginning import from_state
+from somfusion_ros.slam import restart
 from somfusion_ros.slam.checkpoint import Checkpoint
 from somfusion_ros.slam.checkpoint_file import (CheckpointFile, load_checkpoint,
                                                 save_checkpoint)
 from somfusion_ros.slam.checkpoint_keeper import CheckpointKeeper
 from somfusion_ros.slam.checkpoint_reader import assemble
+from somfusion_ros.slam.config import SlamConfig
 from somfusion_ros.slam.constraint import Constraint
 from somfusion_ros.slam.epoch import Epoch
 from somfusion_ros.slam.grid_views import grid_checkpoint
@@ -29,6 +31,7 @@ from somfusion_ros.slam.map_scans import MapScan
 from somfusion_ros.slam.motion import Odometry
 from somfusion_ros.slam.scan import cloud
 from somfusion_ros.slam.slam import Slam
+from somfusion_ros.slam.tracking import Tracker
 
 WALLS = fake_room()
 ROUND = np.array([[1.5, 1.5], [4.5, 1.0], [6.8, 1.2], [6.8, 3.0], [4.5, 3.0], [2.0, 3.0],
@@ -89,6 +92,36 @@ def test_a_resumed_drive_ends_where_an_uninterrupted_one_does(tmp_path: Path) ->
     assert radians < 0.005
     # Linearised anew, what decides about a view differs a little.
     assert len(second.views()[0]) == pytest.approx(len(whole.views()[0]), rel=0.05)
+
+
+def test_a_robot_that_drove_on_while_its_program_was_restarted_goes_on(half: Slam,
+                                                                       tmp_path: Path) -> None:
+    """Its odometry tells where it is: as after a gap between scans, it is never lost."""
+    again = resumed(half, tmp_path / 'state.map')
+    first = next(i for i in range(HALF, len(STAMPS)) if np.hypot(
+        *between(ODOMETRY[HALF - 1], ODOMETRY[i])[:2]) > 1.0)
+    T_map_start = compose(half.trajectory()[1][0], between(TRUTH[0], np.zeros(3)))
+    for i in range(first, first + 20):
+        step = again.process(fake_scan(WALLS, TRUTH[i], STAMPS[i], beams=181),
+                             Odometry(STAMPS[i], ODOMETRY[i], np.zeros(3)))
+        assert not again.lost
+        assert step.reason != 'lost'
+    assert pose_error(step.pose, compose(T_map_start, TRUTH[i]))[0] < 0.1
+
+
+@pytest.mark.parametrize(('before', 'now', 'pause', 'went_on'), [
+    ((3.0, 1.0, 0.2), (4.0, 1.5, 0.3), 5.0, True),
+    ((3.0, 1.0, 0.2), (4.0, 1.5, 0.3), 25.0, False),      # it may be anywhere
+    ((3.0, 1.0, 0.2), (3.1, 1.0, 0.2), 5.0, False),       # it may have been carried
+    ((1.0, 1.0, 0.2), (0.0, 0.1, 0.0), 5.0, False),       # the odometry began anew
+    ((3.0, 1.0, 0.2), (7.0, 5.0, 0.3), 15.0, False),      # odometry says too little
+    ((3.0, 1.0, 0.2), (5.0, 1.0, 0.3), 0.5, False)])      # it is another odometry
+def test_odometry_goes_on_where_it_may_well(before: tuple[float, ...], now: tuple[float, ...],
+                                            pause: float, went_on: bool) -> None:
+    tracker = Tracker(SlamConfig())
+    tracker.odometry = Odometry(10.0, np.array(before), np.zeros(3))
+    later = Odometry(10.0 + pause, np.array(now), np.zeros(3))
+    assert restart.went_on(tracker, later) == went_on
 
 
 def test_a_robot_whose_odometry_began_anew_is_found_where_it_stood(half: Slam,
